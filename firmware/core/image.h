@@ -1,0 +1,171 @@
+/// The image stream, GAP8 -> host: the stock messages, and the native ones that are sent only when asked for.
+///
+/// Stock: an 11-byte header packet, then the body in packets of at most CPX_DATA_MAX bytes; no counter, no time,
+/// no check. Native: each packet says frame and offset, and each frame carries its times, counters and a CRC-32.
+/// Both go as CPX_APP from CPX_GAP8 to CPX_HOST. Firmware that speaks native announces it in the reserved bit of
+/// the route of its stock header packets, where no known viewer looks; it sends native only to a host that has
+/// asked (NATIVE_STREAM), until that host disconnects. Layouts: docs/PROTOCOL.md, "Image stream".
+#ifndef SPINDECK_CORE_IMAGE_H
+#define SPINDECK_CORE_IMAGE_H
+
+#include "stamp.h"
+
+enum {
+    IMAGE_STOCK_MAGIC = 0xBC,
+    IMAGE_STOCK_BYTES = 11,
+    IMAGE_RAW = 0,
+    IMAGE_JPEG = 1,
+    IMAGE_SIDE_MAX = 1024,            ///< pixels; the sensor has 324
+    IMAGE_BODY_MAX = 1024 * 1024,     ///< bytes; anything larger is a damaged header
+    NATIVE_MAGIC = 0x4E,
+    NATIVE_FRAME_BYTES = 100,
+    NATIVE_DATA_HEAD_BYTES = 8,
+    NATIVE_DATA_BODY_MAX = 1012,      ///< CPX_DATA_MAX - NATIVE_DATA_HEAD_BYTES
+    NATIVE_PAIRS_HEAD_BYTES = 8,
+    NATIVE_PAIR_BYTES = 21,
+    NATIVE_PAIRS_MAX = 48,            ///< pairs in one packet
+    NATIVE_STREAM_BYTES = 6,
+    NATIVE_CAMERA_BYTES = 14,
+    NATIVE_REPLY_BYTES = 4,
+    NATIVE_STATUS_BYTES = 60,
+};
+
+/// The second byte of every native message.
+enum {
+    NATIVE_FRAME = 1,   ///< GAP8 -> host: starts a frame
+    NATIVE_DATA = 2,    ///< GAP8 -> host: a piece of its body
+    NATIVE_PAIRS = 3,   ///< GAP8 -> host: stamp messages with their time of arrival
+    NATIVE_STATUS = 4,  ///< ESP32 -> host: its counters, once a second
+    NATIVE_REPLY = 5,   ///< answer to a request
+    NATIVE_STREAM = 16, ///< host -> GAP8 and host -> ESP32: stock or native
+    NATIVE_CAMERA = 17, ///< host or STM32 -> GAP8: camera settings
+};
+
+/// native_frame_t.flags. The first two say which fields mean anything; the rest are for the clock estimator.
+enum {
+    FRAME_HAS_ESTIMATE = 1,  ///< frame_stm32_us is set
+    FRAME_HAS_BOUND = 2,     ///< bound_us is set
+    FRAME_COLD = 4,
+    FRAME_HOLDOVER = 8,
+    FRAME_QUARANTINE = 16,
+    FRAME_STUCK = 32,
+    FRAME_EPOCH_NEW = 64,
+    FRAME_BEFORE_EPOCH = 128,
+    FRAME_QUANTISED = 256,
+    FRAME_REFUSED = 512,     ///< there is a reason why no estimate is given
+};
+
+typedef struct {
+    uint16_t width;  ///< pixels
+    uint16_t height; ///< pixels
+    uint8_t depth;   ///< bytes per pixel
+    uint8_t type;    ///< IMAGE_RAW or IMAGE_JPEG
+    uint32_t size;   ///< bytes of the body
+} image_stock_t;
+
+/// All counters count from the boot of their MCU and wrap at 2^32.
+typedef struct {
+    uint32_t frame; ///< +1 for each frame that the camera completed, sent or not
+    uint16_t width;
+    uint16_t height;
+    uint8_t depth;
+    uint8_t encoding; ///< IMAGE_RAW or IMAGE_JPEG
+    uint16_t flags;
+    uint32_t body_bytes;
+    uint32_t body_crc32;      ///< crc32_zlib of the body
+    uint64_t frame_gap8_us;   ///< GAP8 stamp clock, raw, at end of frame
+    uint64_t frame_stm32_us;  ///< estimate of the STM32 stamp clock at end of frame
+    uint32_t bound_us;        ///< of the estimate, either side
+    uint8_t epoch;            ///< of the STM32 clock
+    uint8_t analog_gain;      ///< 1, 2, 4, 8
+    uint8_t digital_gain;     ///< 1/64
+    uint8_t burst;            ///< images of the burst that this frame belongs to
+    uint32_t exposure_lines;
+    uint32_t line_time_ns;    ///< GAP8 time
+    uint32_t stamp_sequence;  ///< of the last stamp before the frame
+    uint32_t stamp_age_us;    ///< frame_gap8_us - its arrival; UINT32_MAX: none yet
+    uint32_t stamps_received;
+    uint32_t stamps_missed;   ///< gaps in the sequence
+    uint32_t stamps_bad;      ///< CRC or garbage on UART1
+    uint32_t pairs_lost;      ///< received and not reported, for want of room
+    uint32_t captures_failed; ///< the camera said so, or never answered
+    uint32_t captures_late;   ///< not started: no free buffer
+    uint32_t frames_unsent;   ///< captured and not sent: nobody connected, or given up
+    uint32_t spi_errors;
+    uint32_t packets_dropped; ///< by the GAP8, for want of room
+} native_frame_t;
+
+typedef struct {
+    uint32_t sequence;
+    uint64_t stm32_us;
+    uint64_t gap8_us; ///< GAP8 stamp clock at the last stop bit of the message
+    uint8_t epoch;
+} native_pair_t;
+
+typedef struct {
+    uint64_t up_us; ///< ESP32
+    uint32_t frames_forwarded;
+    uint32_t frames_dropped;   ///< whole, because the TCP connection was too slow
+    uint32_t frames_cut;       ///< the GAP8 began a new one before the last was complete
+    uint32_t packets_forwarded;
+    uint32_t packets_dropped;  ///< other than images, for want of room
+    uint32_t packets_unroutable;
+    uint32_t uart_bad_check;
+    uint32_t uart_bad_length;
+    uint32_t uart_garbage_bytes;
+    uint32_t uart_gaps;
+    uint32_t spi_errors;
+    uint32_t tcp_skipped_bytes;
+} native_status_t; ///< 2 + 2 (spare) + 8 + 12 * 4 = NATIVE_STATUS_BYTES
+
+typedef struct {
+    uint8_t dialect;    ///< 0 stock, 1 native
+    uint16_t data_max;  ///< longest CPX data that the host wants, 64..CPX_DATA_MAX; 0 means CPX_DATA_MAX
+} native_stream_t;
+
+typedef struct {
+    uint8_t auto_exposure;    ///< 0 or 1
+    uint8_t analog_gain;      ///< 1, 2, 4, 8
+    uint8_t digital_gain;     ///< 1/64, 1..255
+    uint8_t burst;            ///< 1..3 images back to back
+    uint8_t encoding;         ///< IMAGE_RAW or IMAGE_JPEG
+    uint16_t exposure_lines;  ///< 2..65535
+    uint32_t frame_period_us; ///< from burst to burst; 0: as fast as it goes; at most 10 s
+} native_camera_t;
+
+typedef struct {
+    uint8_t request; ///< NATIVE_STREAM or NATIVE_CAMERA
+    uint8_t status;  ///< 0 done; n: the n-th field of the request is out of range, nothing was changed
+} native_reply_t;
+
+/// Encoders write exactly the size in the name. They cannot fail.
+void image_stock_encode(const image_stock_t *header, uint8_t out[11]);
+void native_frame_encode(const native_frame_t *frame, uint8_t out[100]);
+void native_data_encode_head(uint32_t frame, uint32_t offset, uint8_t out[8]);
+void native_status_encode(const native_status_t *status, uint8_t out[60]);
+void native_stream_encode(const native_stream_t *stream, uint8_t out[6]);
+void native_camera_encode(const native_camera_t *camera, uint8_t out[14]);
+void native_reply_encode(const native_reply_t *reply, uint8_t out[4]);
+
+/// Writes `count` (1..NATIVE_PAIRS_MAX) pairs and returns the size, or 0 when `out` is too small or count is not in
+/// range. `lost` is native_frame_t.pairs_lost at that moment.
+size_t native_pairs_encode(const native_pair_t *pairs, size_t count, uint32_t lost, bytes_mut_t out);
+
+/// Decoders take one CPX packet's data and return the bytes used, or a negative ERR_*; the output is untouched on
+/// error. Longer input than needed is allowed for messages (they may grow), not for the stock header, which is
+/// ERR_LENGTH unless exactly 11 bytes. Stock: ERR_VALUE unless 1 <= sides <= IMAGE_SIDE_MAX, depth 1..4, type 0 or
+/// 1, 1 <= size <= IMAGE_BODY_MAX, and for raw size = width * height * depth. Native frame: likewise.
+int image_stock_decode(bytes_t in, image_stock_t *header);
+int native_frame_decode(bytes_t in, native_frame_t *frame);
+/// `frame_low` gets the low 16 bits of the frame number; `body` views `in` and is never empty.
+int native_data_decode(bytes_t in, uint16_t *frame_low, uint32_t *offset, bytes_t *body);
+int native_pairs_decode(bytes_t in, native_pair_t pairs[48], size_t *count, uint32_t *lost);
+int native_status_decode(bytes_t in, native_status_t *status);
+int native_stream_decode(bytes_t in, native_stream_t *stream);
+/// ERR_SHORT, ERR_START only: ranges are native_camera_check's, so that the reply can name the field.
+int native_camera_decode(bytes_t in, native_camera_t *camera);
+/// 0, or the 1-based place of the first field of native_camera_t that is out of range.
+uint8_t native_camera_check(const native_camera_t *camera);
+int native_reply_decode(bytes_t in, native_reply_t *reply);
+
+#endif

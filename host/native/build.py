@@ -1,0 +1,71 @@
+"""Builds host.native._native: the firmware's C, the simulator's kernel and the stream splitter, through cffi.
+
+The declarations that Python sees are cut out of the C headers themselves, so that they cannot disagree; what the
+compiler knows better (enum values, struct layout) it supplies in API mode.
+SPINDECK_CFLAGS and SPINDECK_LDFLAGS add flags: the sanitized build of CI uses them.
+"""
+
+import os
+import re
+import shlex
+from pathlib import Path
+
+from cffi import FFI
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# In the order of their includes.
+HEADERS = [
+    "firmware/core/bytes.h",
+    "firmware/core/checks.h",
+    "firmware/core/cpx.h",
+    "firmware/core/cpx_uart.h",
+    "firmware/core/cpx_link.h",
+    "firmware/core/stamp.h",
+    "firmware/core/image.h",
+    "firmware/stm32/app.h",
+    "firmware/gap8/app.h",
+    "firmware/esp32/app.h",
+    "sim/kernel/kernel.h",
+    "host/native/stream.h",
+]
+SOURCE_FOLDERS = ["firmware/core", "firmware/stm32", "firmware/gap8", "firmware/esp32", "sim/kernel", "host/native"]
+
+FREESTANDING = ["-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion"]
+
+
+def declarations(header: str) -> str:
+    """The part of a C header that cffi can read: no preprocessor lines, no comments, no inline functions."""
+    text = re.sub(r"/\*.*?\*/", "", header, flags=re.DOTALL)
+    text = re.sub(r"//.*", "", text)
+    text = re.sub(r"^[ \t]*#.*(?:\\\n.*)*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^static inline [^{;]*\{(?:.*\}$|.*?^\})", "", text, flags=re.MULTILINE | re.DOTALL)
+    return re.sub(r"^_Static_assert.*?;$", "", text, flags=re.MULTILINE)
+
+
+def sources() -> list[str]:
+    """The project's C files (not the file that cffi writes), relative to the root, in a fixed order."""
+    return [
+        path.relative_to(ROOT).as_posix()
+        for folder in SOURCE_FOLDERS
+        for path in sorted((ROOT / folder).glob("*.c"))
+        if not path.name.startswith("_")
+    ]
+
+
+ffibuilder = FFI()
+for name in HEADERS:
+    ffibuilder.cdef(declarations((ROOT / name).read_text(encoding="utf-8")))
+ffibuilder.set_source(
+    "host.native._native",
+    "".join(f'#include "{name}"\n' for name in HEADERS),
+    sources=sources(),
+    include_dirs=["."],
+    depends=[path.relative_to(ROOT).as_posix() for folder in SOURCE_FOLDERS for path in (ROOT / folder).glob("*.h")],
+    extra_compile_args=[*FREESTANDING, *shlex.split(os.environ.get("SPINDECK_CFLAGS", ""))],
+    extra_link_args=shlex.split(os.environ.get("SPINDECK_LDFLAGS", "")),
+)
+
+if __name__ == "__main__":
+    os.chdir(ROOT)
+    ffibuilder.compile(verbose=False)

@@ -1,0 +1,13 @@
+"""Two kinds of blame, one exception each; anything else that comes out of a parser is a bug of ours."""
+
+
+class SpindeckError(Exception):
+    """Base of both: `except SpindeckError` catches whatever a user can be told about."""
+
+
+class LocalError(SpindeckError):
+    """You: a wrong argument, an unknown scenario key, a port that cannot be opened. Says what to do."""
+
+
+class PeerError(SpindeckError):
+    """The other side: bytes that do not mean what they should, a robot that does not answer."""
