@@ -1,0 +1,62 @@
+# make            set up: .venv with everything, native modules built
+# make stream     start the built-in robot and stream from it
+# make test       everything that CI runs
+# make bench      the figures of the README's performance table
+# Needs Python 3.11+ with venv and headers, gcc and make. PYTHON=python3.12 chooses another interpreter.
+
+PYTHON ?= python3
+VENV := .venv
+PY := $(VENV)/bin/python
+STAMP := $(VENV)/.ready
+C_FILES := $(wildcard firmware/*/*.[ch] sim/kernel/*.[ch] host/native/*.[ch])
+
+.PHONY: all stream test fast lint sanitize fuzz wheel bench format clean
+
+all: $(STAMP)
+
+$(VENV)/.dependencies: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "$(PYTHON) is older than Python 3.11: run 'make PYTHON=python3.11'"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(PY) -m pip install --quiet --disable-pip-version-check "setuptools>=77" "cffi>=1.16"
+	touch $@
+
+$(STAMP): $(VENV)/.dependencies setup.py host/native/build.py $(C_FILES)
+	$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --editable ".[dev]"
+	touch $@
+
+stream: $(STAMP)
+	$(VENV)/bin/host stream --port sim://hover --count 60
+
+test: lint fast sanitize fuzz wheel
+
+fast: $(STAMP)
+	$(PY) -m pytest -q
+
+lint: $(STAMP)
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+	$(VENV)/bin/clang-format --dry-run --Werror $(filter-out host/native/_%,$(C_FILES)) $(wildcard tests/fuzz/*.c)
+
+# The Python tests once more, against C built with AddressSanitizer and UndefinedBehaviorSanitizer.
+sanitize: $(STAMP)
+	tests/sanitize.sh $(PY)
+
+fuzz:
+	tests/fuzz/run.sh
+
+# sdist -> wheel -> empty environment -> five frames.
+wheel: $(STAMP)
+	tests/wheel.sh $(PY)
+
+bench: $(STAMP)
+	for script in benchmarks/*.py; do $(PY) $$script || exit 1; done
+
+format: $(STAMP)
+	$(VENV)/bin/ruff check --fix .
+	$(VENV)/bin/ruff format .
+	$(VENV)/bin/clang-format -i $(filter-out host/native/_%,$(C_FILES)) $(wildcard tests/fuzz/*.c)
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info host/native/_native.*

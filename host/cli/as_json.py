@@ -1,0 +1,33 @@
+"""Events as JSON lines: one object each, `event` first, times with their clock in the name."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any
+
+from ..link.records import Event, Frame, LostFrame
+
+EVENT_NAMES = {"LostFrame": "lost_frame"}
+
+
+def as_dict(event: Event, robot: int) -> dict[str, Any]:
+    """Everything but pixels and pairs, which become their number."""
+    name = type(event).__name__
+    record: dict[str, Any] = {"event": EVENT_NAMES.get(name, name.lower()), "robot": robot}
+    for field in dataclasses.fields(event):
+        record[field.name] = getattr(event, field.name)
+    if isinstance(event, Frame):
+        record.update(body=None, bytes=int(event.body.size), pairs=None if event.pairs is None else len(event.pairs))
+        record.update(dataclasses.asdict(event.native) if event.native else {})
+        del record["native"], record["body"]
+    elif isinstance(event, LostFrame):
+        del record["body"]
+    elif isinstance(record.get("data"), bytes):
+        record["data"] = record["data"].hex()
+    return record
+
+
+def line(record: dict[str, Any]) -> str:
+    """One line of JSON, without the newline."""
+    return json.dumps(record, separators=(",", ":"), allow_nan=False)

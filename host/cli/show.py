@@ -1,0 +1,124 @@
+"""What the user sees of a running stream: a status line and a summary on a terminal, JSON lines otherwise."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+from .as_json import as_dict, line
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from types import TracebackType
+
+    from ..link.records import Event
+    from .stream_loop import Robot
+
+
+class JsonLines:
+    """Every event as a line on stdout, then a summary line per robot."""
+
+    def __enter__(self) -> JsonLines:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def event(self, event: Event, robot: int) -> None:
+        """One line, at once."""
+        sys.stdout.write(line(as_dict(event, robot)) + "\n")
+        sys.stdout.flush()
+
+    def refresh(self, robots: list[Robot]) -> None:
+        """Nothing: a pipe has no status line."""
+
+    def finish(self, robots: list[Robot], picture: Path | None) -> None:
+        """The summary lines."""
+        for robot in robots:
+            record = {"event": "summary", "robot": robot.number, **robot.summary()}
+            if picture is not None:
+                record["picture"] = str(picture)
+            print(line(record), flush=True)
+
+
+class Terminal:
+    """A line per robot that is rewritten in place on stderr; warnings above it; a table at the end on stdout."""
+
+    def __init__(self, robots: list[Robot]) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        self.console = Console(stderr=True, highlight=False)
+        self.live = Live(console=self.console, auto_refresh=False, transient=True)
+        self.robots = robots
+
+    def __enter__(self) -> Terminal:
+        self.live.__enter__()
+        self.refresh(self.robots)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.live.__exit__(kind, error, trace)
+
+    def event(self, event: Event, robot: int) -> None:
+        """Prints what a person should not miss: console text, lost frames, garbage."""
+        record = as_dict(event, robot)
+        if record["event"] in ("console", "lost_frame", "garbage", "announced"):
+            self.console.print(f"robot {robot}: {describe(record)}", style="dim", markup=False)
+
+    def refresh(self, robots: list[Robot]) -> None:
+        """Rewrites the status lines."""
+        self.live.update("\n".join(status_line(robot) for robot in robots), refresh=True)
+
+    def finish(self, robots: list[Robot], picture: Path | None) -> None:
+        """The summary, on stdout."""
+        for robot in robots:
+            for text in summary_lines(robot.summary()):
+                print(text)
+        if picture is not None:
+            print(f"last frame  {picture}")
+
+
+def describe(record: dict[str, Any]) -> str:
+    """One line for people about an event."""
+    if record["event"] == "console":
+        return f"{record['source']} says: {record['text'].rstrip()}"
+    if record["event"] == "lost_frame":
+        return f"frame lost ({record['cause']}): {record['received_bytes']} of {record['expected_bytes']} bytes"
+    if record["event"] == "garbage":
+        return f"skipped {record['size']} bytes of garbage at byte {record['offset']}"
+    return "speaks the native dialect: asked for time-stamped frames"
+
+
+def status_line(robot: Robot) -> str:
+    """Frames, rate, bytes, losses and the last stamp of one robot."""
+    if robot.first_ns is None:
+        return f"robot {robot.number}: waiting for {robot.port}"
+    summary = robot.summary()
+    stamp = robot.last_frame.frame_stm32_us if robot.last_frame else None
+    return (
+        f"robot {robot.number}: {summary['frames']} frames  {summary['fps'] or 0:.1f} fps  "
+        f"{summary['bytes'] / 1e6:.1f} MB  lost {sum(summary['frames_lost'].values())}  "
+        + ("no stamps" if stamp is None else f"last frame at STM32 {stamp / 1e6:.6f} s")
+    )
+
+
+def summary_lines(summary: dict[str, Any]) -> list[str]:
+    """The summary of one robot, a fact a line."""
+    lost = ", ".join(f"{count} {cause}" for cause, count in summary["frames_lost"].items()) or "none"
+    lines = [
+        f"port        {summary['port']}",
+        f"frames      {summary['frames']} in {summary['seconds']:.2f} s"
+        + (f", {summary['fps']:.2f} fps" if summary["fps"] else ""),
+        f"bytes       {summary['bytes']}",
+        f"lost        {lost}" + (f"; {summary['garbage_bytes']} garbage bytes" if summary["garbage_bytes"] else ""),
+    ]
+    error = summary["stamp_error_us"]
+    if error:
+        lines.append(
+            f"stamp error {error['mean']:+.0f} us mean, {error['sd']:.0f} us sd, {error['worst']:+.0f} us worst "
+            f"against the simulation's truth, over {error['n']} frames"
+        )
+    return lines

@@ -1,0 +1,199 @@
+"""What `host stream` does: one thread a port reads and decodes, this thread counts, shows and keeps.
+
+The queue between them is bounded, so that a slow disk or terminal slows the reading down (and the robot then drops
+whole frames and says so) instead of eating memory.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import tempfile
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import host
+
+from ..link.records import Event, Frame, LostFrame
+from ..protocol.errors import LocalError, PeerError, SpindeckError
+from .keep import Keeper, new_folder, save_picture
+from .show import JsonLines, Terminal
+
+if TYPE_CHECKING:
+    import argparse
+
+    from host.link.ports import Stream
+
+QUEUE_EVENTS = 64
+REFRESH_S = 0.2
+
+
+@dataclass
+class Robot:
+    """One port and what has come from it."""
+
+    number: int
+    port: str
+    stream: Stream
+    keeper: Keeper | None = None
+    frames: int = 0
+    first_ns: int | None = None
+    last_ns: int = 0
+    last_frame: Frame | None = None
+    stamped: list[tuple[int, int, int]] = field(default_factory=list)
+    """(frame, frame_gap8_us, frame_stm32_us) of the frames with an estimate, kept where there is a truth to compare."""
+    ended: bool = False
+    error: SpindeckError | None = None
+
+    def take(self, event: Event) -> None:
+        """Counts one event and keeps what is to be kept."""
+        if self.first_ns is None:
+            self.first_ns = event.arrival_host_ns
+        self.last_ns = event.arrival_host_ns
+        if isinstance(event, Frame):
+            self.frames += 1
+            self.last_frame = event
+            if event.native and event.native.frame_stm32_us is not None and self.world is not None:
+                self.stamped.append((event.native.frame, event.native.frame_gap8_us, event.native.frame_stm32_us))
+            if self.keeper:
+                self.keeper.frame(event)
+        elif isinstance(event, LostFrame) and self.keeper:
+            self.keeper.broken(event)
+
+    @property
+    def seconds(self) -> float:
+        """Between the first event and the last, on the clock of the port."""
+        return 0.0 if self.first_ns is None else (self.last_ns - self.first_ns) * 1e-9
+
+    @property
+    def world(self) -> Any:
+        """The simulated world behind the port, or None for a real one."""
+        return getattr(self.stream.port, "world", None)
+
+    def summary(self) -> dict[str, Any]:
+        """Figures at the end, or so far; `frames_lost` by cause, `stamp_error_us` only where the truth is known."""
+        counters = self.stream.counters
+        # N frames span N - 1 periods; the first event (a boot message, say) may come long before the first frame.
+        return {
+            "port": self.port,
+            "frames": self.frames,
+            "seconds": round(self.seconds, 3),
+            "fps": round(self.frames / self.seconds, 2) if self.seconds > 0 else None,
+            "bytes": counters.bytes,
+            "frames_lost": {cause: count for cause, count in counters.frames_lost.items() if count},
+            "garbage_bytes": counters.garbage_bytes,
+            "stamp_error_us": self.stamp_error_us(),
+            "error": None if self.error is None else str(self.error),
+        }
+
+    def stamp_error_us(self) -> dict[str, float] | None:
+        """Estimate minus truth over all stamped frames: n, mean, sd, worst. None without a truth."""
+        if self.world is None or not self.stamped:
+            return None
+        from sim.truth import stamp_errors_us
+
+        return stamp_errors_us(self.stamped, self.world, self.stream.port.robot)
+
+
+def read(robot: Robot, events: queue.Queue[tuple[Robot, Event | None]], stop: threading.Event) -> None:
+    """The thread of one port: everything that comes, then None."""
+    try:
+        for event in robot.stream.events():
+            while not stop.is_set():
+                with contextlib.suppress(queue.Full):
+                    events.put((robot, event), timeout=REFRESH_S)
+                    break
+            if stop.is_set():
+                return
+    except SpindeckError as error:
+        robot.error = error
+    finally:
+        while not stop.is_set():
+            with contextlib.suppress(queue.Full):
+                events.put((robot, None), timeout=REFRESH_S)
+                break
+
+
+def stream(arguments: argparse.Namespace, as_json: bool) -> int:
+    """Opens every port, streams until done, prints the summary. Returns the exit code."""
+    if arguments.picture and Path(arguments.picture).exists():
+        raise LocalError(f"--picture {arguments.picture}: exists, and nothing is ever overwritten: name another file")
+    robots: list[Robot] = []
+    with contextlib.ExitStack() as open_things:
+        for number, port in enumerate(arguments.port):
+            opened = open_things.enter_context(
+                host.open(
+                    port,
+                    baud=arguments.baud,
+                    framing=arguments.framing,
+                    dialect=arguments.dialect,
+                    timeout=arguments.timeout,
+                    camera=arguments.camera,
+                )
+            )
+            robots.append(Robot(number, port, opened))
+        if arguments.images:
+            folder = new_folder(arguments.images)
+            for robot in robots:
+                robot.keeper = Keeper(folder / f"robot{robot.number}" if len(robots) > 1 else folder, robot.number)
+                open_things.callback(robot.keeper.close)
+        show = open_things.enter_context(JsonLines() if as_json else Terminal(robots))
+        interrupted = pump(robots, arguments, show)
+    picture = save_last(robots, arguments.picture, as_json)
+    show.finish(robots, picture)
+    for robot in robots:
+        if robot.error is not None:
+            raise robot.error if len(robots) == 1 else PeerError(f"{robot.port}: {robot.error}")
+    if interrupted and not any(robot.frames or robot.last_ns for robot in robots):
+        raise PeerError("stopped before anything was received")
+    return 0
+
+
+def pump(robots: list[Robot], arguments: argparse.Namespace, show: JsonLines | Terminal) -> bool:
+    """Runs the reading threads and takes what they bring. True if stopped by Ctrl-C."""
+    events: queue.Queue[tuple[Robot, Event | None]] = queue.Queue(QUEUE_EVENTS)
+    stop = threading.Event()
+    threads = [threading.Thread(target=read, args=(robot, events, stop), daemon=True) for robot in robots]
+    for thread in threads:
+        thread.start()
+    refreshed = time.monotonic()
+    try:
+        while not all(robot.ended for robot in robots):
+            try:
+                robot, event = events.get(timeout=REFRESH_S)
+            except queue.Empty:
+                show.refresh(robots)
+                continue
+            if event is None:
+                robot.ended = True
+            elif not robot.ended:
+                robot.take(event)
+                show.event(event, robot.number)
+                robot.ended = (arguments.count is not None and robot.frames >= arguments.count) or (
+                    arguments.duration is not None and robot.seconds >= arguments.duration
+                )
+            if time.monotonic() - refreshed >= REFRESH_S:
+                refreshed = time.monotonic()
+                show.refresh(robots)
+    except KeyboardInterrupt:
+        return True
+    finally:
+        stop.set()
+        for robot in robots:
+            robot.stream.close()
+        for thread in threads:
+            thread.join(timeout=1.0)
+    return False
+
+
+def save_last(robots: list[Robot], wanted: str | None, as_json: bool) -> Path | None:
+    """The last frame of the first robot that sent one, as PNG; None when there is none or nobody asked."""
+    frames = [robot.last_frame for robot in robots if robot.last_frame is not None]
+    if not frames or (as_json and not wanted):
+        return None
+    path = Path(wanted) if wanted else Path(tempfile.mkdtemp(prefix="spindeck-")) / "last-frame.png"
+    save_picture(frames[0], path)
+    return path

@@ -1,0 +1,67 @@
+"""What the README shows works as shown."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def block(language: str, containing: str) -> str:
+    """The one fenced block of that language with that text in it."""
+    found = [text for text in re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL) if containing in text]
+    assert len(found) == 1, f"{len(found)} {language} blocks with {containing!r} in the README"
+    return found[0]
+
+
+def test_python_example() -> None:
+    result = subprocess.run(
+        [sys.executable, "-c", block("python", "host.open")], capture_output=True, text=True, timeout=120, cwd=ROOT
+    )
+    assert result.returncode == 0, result.stderr
+    assert re.search(r"324.*244|244.*324", result.stdout)
+
+
+def test_pytest_example(tmp_path: Path) -> None:
+    (tmp_path / "test_example.py").write_text(block("python", "spindeck_robot"), encoding="utf-8")
+    result = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_example.py"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=tmp_path,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert re.search(r"\b[1-9]\d* passed", result.stdout)
+
+
+@pytest.mark.parametrize("command", re.findall(r"^\.venv/bin/host (stream .*sim://.*)$", README, re.MULTILINE))
+def test_commands(command: str, tmp_path: Path) -> None:
+    """Every `host stream` line on the simulator, cut to two frames and let run as fast as it goes."""
+    import shlex
+
+    words = [
+        word + ("&pace=max" if "?" in word else "?pace=max") if word.startswith("sim://") else word
+        for word in shlex.split(command, comments=True)
+    ]
+    result = subprocess.run(
+        [sys.executable, "-m", "host", *words, "--count", "2", "--json"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"},
+    )
+    assert result.returncode == 0, result.stderr
+    assert '"event":"summary"' in result.stdout
+
+
+def test_the_two_commands_exist() -> None:
+    targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert {"stream", "test"} <= set(targets)
+    assert "make stream" in README
+    assert "make test" in README
