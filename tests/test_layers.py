@@ -23,7 +23,11 @@ RULES: list[tuple[str, set[str], set[str]]] = [
     ("host.protocol.spec", {"host.protocol.spec"}, IO | {"numpy"}),
     ("host.protocol", {"host.protocol.packets", "host.protocol.codec", "host.protocol.errors", "host.native"}, IO),
     ("host.link.ports", {"host.link", "host.protocol", "host.native"}, set()),
-    ("host.link", {"host.link.records", "host.link.assemble", "host.link.dialects", "host.protocol", "host.native"}, IO),
+    (
+        "host.link",
+        {"host.link.records", "host.link.assemble", "host.link.dialects", "host.protocol", "host.native"},
+        IO,
+    ),
     ("host.cli", {"host", "sim"}, set()),
     ("host.__main__", {"host.cli"}, set()),
     ("host", {"host.link", "host.protocol"}, set()),

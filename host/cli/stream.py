@@ -57,7 +57,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     add("--count", type=positive(int), metavar="N", help="end after N frames of each robot")
     add("--duration", type=positive(float), metavar="S", help="end after S seconds of the robot's stream")
-    add("--timeout", type=positive(float), default=10.0, metavar="S", help="give up after S silent seconds (default 10)")
+    add(
+        "--timeout", type=positive(float), default=10.0, metavar="S", help="give up after S silent seconds (default 10)"
+    )
     add("--images", metavar="DIR", help="keep every frame: one picture each, and frames.jsonl; DIR new or empty")
     add("--picture", metavar="FILE", help="where the last frame goes as PNG (default on a terminal: a temporary file)")
     add("--camera", metavar="PATH", help="what a simulated camera sees: a PGM, PPM or PNG file, or a folder of them")
