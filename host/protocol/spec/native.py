@@ -1,0 +1,173 @@
+"""The native messages: each is the data of one CPX_APP packet and starts with the magic byte and its kind."""
+
+from typing import Any
+
+from construct import (
+    Array,
+    Check,
+    Const,
+    GreedyBytes,
+    Int8ul,
+    Int16ul,
+    Int32ul,
+    Int64ul,
+    OneOf,
+    Padding,
+    Rebuild,
+    Struct,
+    this,
+)
+
+from .image import BODY_BYTES, DEPTH, ENCODING, SIDE, raw_size_ok
+from .values import Value
+
+KINDS = (
+    Value(1, "NATIVE_FRAME", "GAP8 to host: starts a frame"),
+    Value(2, "NATIVE_DATA", "GAP8 to host: a piece of its body"),
+    Value(3, "NATIVE_PAIRS", "GAP8 to host: stamp messages with their time of arrival"),
+    Value(4, "NATIVE_STATUS", "ESP32 to host: its counters"),
+    Value(5, "NATIVE_REPLY", "answer to a request"),
+    Value(16, "NATIVE_STREAM", "host to GAP8, and host to ESP32: stock or native"),
+    Value(17, "NATIVE_CAMERA", "host or STM32 to GAP8: camera settings"),
+)
+
+FLAGS = (
+    Value(1, "FRAME_HAS_ESTIMATE", "frame_stm32_us is set"),
+    Value(2, "FRAME_HAS_BOUND", "bound_us is set"),
+    Value(4, "FRAME_COLD", "too few stamps so far"),
+    Value(8, "FRAME_HOLDOVER", "no stamp for a while: the estimate runs on the last rate"),
+    Value(16, "FRAME_QUARANTINE", "the last stamps contradict the ones before"),
+    Value(32, "FRAME_STUCK", "the STM32's time stands still"),
+    Value(64, "FRAME_EPOCH_NEW", "first frame of an epoch"),
+    Value(128, "FRAME_BEFORE_EPOCH", "the frame is older than the epoch"),
+    Value(256, "FRAME_QUANTISED", "the STM32's time comes in steps coarser than 1 us"),
+    Value(512, "FRAME_REFUSED", "there is a reason why no estimate is given"),
+)
+
+LIMITS = (
+    Value(1012, "NATIVE_DATA_BODY_MAX", "bytes of body in a data message"),
+    Value(48, "NATIVE_PAIRS_MAX", "pairs in one message"),
+)
+
+
+def message(kind: int, *fields: Any) -> Any:
+    return Struct("magic" / Const(0x4E, Int8ul) * "magic", "kind" / Const(kind, Int8ul) * "kind", *fields)
+
+
+FRAME = message(
+    1,
+    "header_bytes" / Const(100, Int16ul) * "bytes of this message that are described here",
+    "frame" / Int32ul * "+1 for each frame that the camera completed, sent or not; wraps",
+    "width" / SIDE * "pixels, 1..1024",
+    "height" / SIDE * "pixels, 1..1024",
+    "depth" / DEPTH * "bytes per pixel, 1..4",
+    "encoding" / ENCODING * "0 raw, 1 JPEG",
+    "flags" / Int16ul * "sum of FRAME_ flags",
+    "body_bytes" / BODY_BYTES * "1..1048576; raw: width x height x depth",
+    "body_crc32" / Int32ul * "CRC-32 of the body",
+    "frame_gap8_us" / Int64ul * "us, GAP8 stamp clock at end of frame, raw",
+    "frame_stm32_us" / Int64ul * "us, estimate of the STM32 stamp clock at end of frame",
+    "bound_us" / Int32ul * "us, of the estimate, either side",
+    "epoch" / Int8ul * "of the STM32 stamp clock, from the stamp message",
+    "analog_gain" / Int8ul * "1, 2, 4 or 8",
+    "digital_gain" / Int8ul * "1/64",
+    "burst" / Int8ul * "images of the burst that this frame belongs to",
+    "exposure_lines" / Int32ul * "lines",
+    "line_time_ns" / Int32ul * "ns of GAP8 time from row to row",
+    "stamp_sequence" / Int32ul * "of the last stamp before the frame",
+    "stamp_age_us" / Int32ul * "us, frame_gap8_us less its arrival; 4294967295: none yet",
+    "stamps_received" / Int32ul * "good stamp messages",
+    "stamps_missed" / Int32ul * "gaps in their sequence",
+    "stamps_bad" / Int32ul * "CRC or garbage on UART1",
+    "pairs_lost" / Int32ul * "pairs received and not reported, for want of room",
+    "captures_failed" / Int32ul * "the camera said so, or never answered",
+    "captures_late" / Int32ul * "captures not started: no free buffer",
+    "frames_unsent" / Int32ul * "captured and not sent: nobody connected, or given up",
+    "spi_errors" / Int32ul * "packets on SPI that made no sense",
+    "packets_dropped" / Int32ul * "packets dropped by the GAP8, for want of room",
+    Check(lambda this: raw_size_ok(this, this.encoding, this.body_bytes)),
+)
+
+DATA = message(
+    2,
+    "frame_low" / Int16ul * "low 16 bits of the frame's number",
+    "offset" / Int32ul * "bytes of the body before this piece",
+    "body" / GreedyBytes * "a piece of the body, never empty",
+    Check(lambda this: len(this.body) > 0),
+)
+
+PAIR = Struct(
+    "sequence" / Int32ul * "of the stamp message",
+    "stm32_us" / Int64ul * "us, STM32 stamp clock: the time in the message",
+    "gap8_us" / Int64ul * "us, GAP8 stamp clock at the last stop bit of the message",
+    "epoch" / Int8ul * "of the STM32 stamp clock",
+)
+
+PAIRS = message(
+    3,
+    "count" / Rebuild(OneOf(Int8ul, range(1, 49)), lambda this: len(this.pairs)) * "pairs, 1..48",
+    Padding(1) * "written as 0, ignored",
+    "lost" / Int32ul * "pairs lost so far, as pairs_lost in a frame message",
+    "pairs" / Array(this.count, PAIR) * "see Pair",
+)
+
+STATUS = message(
+    4,
+    Padding(2) * "written as 0, ignored",
+    "up_us" / Int64ul * "us, ESP32 uptime",
+    "frames_forwarded" / Int32ul * "whole frames",
+    "frames_dropped" / Int32ul * "whole frames, because TCP was too slow",
+    "frames_cut" / Int32ul * "the GAP8 began a new frame before the last was complete",
+    "packets_forwarded" / Int32ul * "packets on any link",
+    "packets_dropped" / Int32ul * "packets other than images, for want of room",
+    "packets_unroutable" / Int32ul * "packets with an end or a version that does not exist",
+    "uart_bad_check" / Int32ul * "frames on UART2 with a bad check byte",
+    "uart_bad_length" / Int32ul * "frames on UART2 with a length out of range",
+    "uart_garbage_bytes" / Int32ul * "bytes on UART2 outside any frame",
+    "uart_gaps" / Int32ul * "frames on UART2 given up half-way",
+    "spi_errors" / Int32ul * "packets on SPI that made no sense",
+    "tcp_skipped_bytes" / Int32ul * "bytes from the host skipped to find a header",
+)
+
+REPLY = message(
+    5,
+    "request" / Int8ul * "kind of the request",
+    "status" / Int8ul * "0 done; n: the n-th field of the request is out of range, nothing was changed",
+)
+
+STREAM = message(
+    16,
+    "dialect" / OneOf(Int8ul, (0, 1)) * "0 stock, 1 native",
+    Padding(1) * "written as 0, ignored",
+    "data_max" / OneOf(Int16ul, (0, *range(64, 1021))) * "longest CPX data wanted, 64..1020 bytes; 0: 1020",
+)
+
+CAMERA = message(
+    17,
+    "auto_exposure" / Int8ul * "0 or 1",
+    "analog_gain" / Int8ul * "1, 2, 4 or 8",
+    "digital_gain" / Int8ul * "1/64, 1..255",
+    "burst" / Int8ul * "images back to back, 1..3",
+    "encoding" / Int8ul * "0 raw, 1 JPEG",
+    Padding(1) * "written as 0, ignored",
+    "exposure_lines" / Int16ul * "lines, 2..65535",
+    "frame_period_us" / Int32ul * "us from burst to burst, at most 10 000 000; 0: as fast as it goes",
+)
+
+CAMERA_RANGES = (
+    ("auto_exposure", (0, 1)),
+    ("analog_gain", (1, 2, 4, 8)),
+    ("digital_gain", range(1, 256)),
+    ("burst", range(1, 4)),
+    ("encoding", (0, 1)),
+    ("exposure_lines", range(2, 65536)),
+    ("frame_period_us", range(10_000_001)),
+)
+
+
+def camera_check(camera: Any) -> int:
+    """0, or the 1-based place of the first field that is out of range: the status of the reply."""
+    for place, (name, allowed) in enumerate(CAMERA_RANGES, 1):
+        if camera[name] not in allowed:
+            return place
+    return 0
