@@ -31,6 +31,7 @@ int cpx_uart_decode(bytes_t in, cpx_packet_t *packet);
 typedef struct {
     uint8_t rx[CPX_UART_FRAME_MAX];
     uint8_t rx_fill;
+    uint8_t rx_taken;    ///< bytes at the front of rx that are the packet handed out last
     uint64_t rx_last_us; ///< when the last byte came in
     uint8_t tx[CPX_UART_FRAME_MAX];
     uint8_t tx_size; ///< 0: no frame waits
@@ -47,7 +48,7 @@ typedef struct {
     uint32_t bad_check;
     uint32_t bad_length;
     uint32_t bad_version;
-    uint32_t garbage_bytes; ///< outside any frame
+    uint32_t garbage_bytes; ///< in no good frame and in no credit: each byte received is in just one of the three
     uint32_t gaps;          ///< frames given up after CPX_UART_GAP_US
 } cpx_uart_t;
 
@@ -57,6 +58,8 @@ void cpx_uart_init(cpx_uart_t *self, uint64_t now_us);
 /// One byte, with the time of its stop bit. True when it completes a packet: `packet` then views self->rx until
 /// the next call, and the line gives no new credit until cpx_uart_accept. A packet of a wrong version is counted,
 /// dropped and credited, as is one with a bad check byte (the peer would wait for ever otherwise).
+/// After a bad frame the search goes on inside its bytes. Now and then (a repeated credit crossed a packet, or a
+/// credit was found inside a bad frame) a second packet comes before cpx_uart_accept: take it or drop it.
 bool cpx_uart_receive(cpx_uart_t *self, uint8_t byte, uint64_t now_us, cpx_packet_t *packet);
 
 /// The app has room again: the peer gets its credit. Call it once per packet from cpx_uart_receive, later if
@@ -70,7 +73,8 @@ bool cpx_uart_send(cpx_uart_t *self, const cpx_packet_t *packet);
 /// inside a frame.
 size_t cpx_uart_transmit(cpx_uart_t *self, uint8_t *out, uint64_t now_us);
 
-/// When cpx_uart_transmit may next have a byte without anything having been received or sent.
+/// When cpx_uart_transmit may next have a byte without anything having been received or sent: 0 while it has one,
+/// NEVER_US while it waits for cpx_uart_accept only.
 uint64_t cpx_uart_deadline(const cpx_uart_t *self);
 
 #endif
