@@ -1,0 +1,222 @@
+"""Every scenario key: its type, unit, allowed range, default and meaning, each said once, as dataclass fields.
+
+Parsing, refusals and docs/SCENARIOS.md are made from these fields (`SETTINGS`). A field of the class for table
+`gap8` is the key `ppm` under `[gap8]` in TOML, and `gap8_ppm` in a URL or as a keyword.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+Number = int | float
+Scalar = int | float | str
+
+
+def number(default: Number, low: Number, high: Number, unit: str, meaning: str) -> Any:
+    return field(default=default, metadata={"low": low, "high": high, "unit": unit, "meaning": meaning})
+
+
+def choice(default: Scalar, meaning: str, unit: str = "") -> Any:
+    """The choices are those of the field's Literal type."""
+    return field(default=default, metadata={"unit": unit, "meaning": meaning})
+
+
+def text(meaning: str) -> Any:
+    return field(default="", metadata={"unit": "", "meaning": meaning})
+
+
+@dataclass(frozen=True, slots=True)
+class General:
+    """The world as a whole."""
+
+    seed: int = number(1, 0, 2**64 - 1, "", "of everything random; the same seed gives the same bytes")
+    robots: int = number(1, 1, 256, "", "how many robots fly")
+    robot: int = number(0, 0, 255, "", "which of them this port belongs to, counted from 0")
+    pace: Literal["real", "max"] = choice("real", "of a sim:// port: not ahead of wall time, or as fast as it goes")
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    ppm: float = number(0, -20000, 20000, "ppm", "rate error of the oscillator")
+    ramp_ppm: float = number(0, -1000, 1000, "ppm", "warm-up: added to the rate linearly over ramp_s, then kept")
+    ramp_s: float = number(60, 0, 3600, "s", "length of the warm-up")
+    walk_ppb: int = number(0, 0, 1_000_000, "ppb", "standard deviation, after 1 s, of the rate's random walk")
+    boot_ms: float = number(0, 0, 600_000, "ms", "when the MCU starts")
+    stamp_start_us: int = number(0, 0, 2**64 - 1, "us", "first reading of the stamp clock, below 2^stamp_bits")
+    stamp_bits: Literal[32, 48, 64] = choice(64, "width of the stamp clock: where it wraps", "bits")
+    quantum: Literal["1us", "rtc", "1ms"] = choice("1us", "step of the stamp clock; rtc is 1/32768 s")
+
+
+@dataclass(frozen=True, slots=True)
+class Stm32Clock(Clock):
+    divider: Literal[84, 85] = choice(85, "85 counts right; 84 runs at 84/85, as firmware did until August 2026")
+
+
+@dataclass(frozen=True, slots=True)
+class Wire:
+    """A unit is a run of back-to-back bytes on a UART, one direction of a window on SPI, a segment on TCP."""
+
+    latency_us: float = number(0, 0, 10_000_000, "us", "added to every unit")
+    jitter_us: float = number(0, 0, 10_000_000, "us", "mean of an exponential delay added to every unit")
+    loss: float = number(0, 0, 1, "", "probability that a unit is lost; TCP sends it again")
+    drop: float = number(0, 0, 1, "", "probability that a byte is lost; on TCP damage that its checksum missed")
+    flip: float = number(0, 0, 1, "", "probability that one bit of a byte is inverted; on TCP likewise")
+    burst_per_s: float = number(0, 0, 1000, "1/s", "how often a burst begins: all units in it are lost")
+    burst_ms: float = number(0, 0, 60_000, "ms", "mean of a burst's exponential length")
+    stall_per_s: float = number(0, 0, 1000, "1/s", "how often the wire stands still")
+    stall_ms: float = number(0, 0, 60_000, "ms", "mean of a stall's exponential length")
+
+
+@dataclass(frozen=True, slots=True)
+class Spi(Wire):
+    duplicate: float = number(0, 0, 1, "", "probability that a unit comes twice")
+    hz: int = number(10_000_000, 100_000, 30_000_000, "Hz", "bit clock, in GAP8 time")
+    gap_us: float = number(20, 0, 10_000, "us", "handshake before each window")
+
+
+@dataclass(frozen=True, slots=True)
+class Uart(Wire):
+    duplicate: float = number(0, 0, 1, "", "probability that a unit comes twice")
+    reorder: float = number(0, 0, 1, "", "probability that a unit comes after the next one")
+
+
+@dataclass(frozen=True, slots=True)
+class Tcp(Wire):
+    bytes_per_s: float = number(2_500_000, 1000, 1_000_000_000, "B/s", "speed of the wireless link")
+    window: int = number(65535, 1440, 1 << 20, "B", "most that is under way to the host")
+    rto_ms: float = number(250, 1, 60_000, "ms", "after which a lost segment is sent again")
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    fps: float = number(10, 0, 250, "1/s", "frames per second, averaged over bursts; 0: no camera")
+    width: int = number(324, 1, 1024, "pixels", "of the built-in pictures; those of `camera` bring their own size")
+    height: int = number(244, 1, 1024, "pixels", "likewise")
+    encoding: Literal["raw", "jpeg"] = choice("raw", "at boot; the host may change it")
+    quality: int = number(80, 1, 95, "", "of JPEG")
+    burst: int = number(1, 1, 3, "", "frames taken back to back")
+    exposure_lines: int = number(100, 2, 65535, "lines", "exposure time")
+    analog_gain: Literal[1, 2, 4, 8] = choice(1, "as reported in each native frame")
+    digital_gain: int = number(64, 1, 255, "1/64", "likewise")
+    line_time_ns: int = number(125_333, 1000, 10_000_000, "ns", "GAP8 time from row to row")
+    jitter_us: float = number(0, 0, 1_000_000, "us", "mean of an exponential delay of the end-of-frame interrupt")
+    fail: float = number(0, 0, 1, "", "probability that a capture fails")
+    hang: float = number(0, 0, 1, "", "probability that a capture never ends")
+
+
+@dataclass(frozen=True, slots=True)
+class Wifi:
+    up_ms: float = number(500, 0, 600_000, "ms", "from the STM32's command until the host can connect")
+
+
+@dataclass(frozen=True, slots=True)
+class Crtp:
+    hz: float = number(0, 0, 1000, "1/s", "console packets of the STM32 while the host has the bridge on; 0: none")
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSettings:
+    """One robot. Any of these may be a list in a scenario: one value per robot."""
+
+    wire: Literal["tcp", "uart2", "uart1"] = choice(
+        "tcp", "where the host listens: TCP, UART2 in the STM32's place, or a tap on UART1's stamps"
+    )
+    firmware: Literal["native", "stock"] = choice("native", "stock: no stamps on UART1, nothing native")
+    camera_path: str = text("a PGM, PPM or PNG file, or a folder of them, instead of the built-in pictures")
+    stm32: Stm32Clock = field(default_factory=Stm32Clock)
+    gap8: Clock = field(default_factory=Clock)
+    esp32: Clock = field(default_factory=Clock)
+    uart1: Uart = field(default_factory=Uart)
+    uart2: Uart = field(default_factory=Uart)
+    spi: Spi = field(default_factory=Spi)
+    tcp: Tcp = field(default_factory=Tcp)
+    camera: Camera = field(default_factory=Camera)
+    wifi: Wifi = field(default_factory=Wifi)
+    crtp: Crtp = field(default_factory=Crtp)
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One key."""
+
+    name: str
+    """As in a URL: `gap8_ppm`."""
+    table: str
+    """As in TOML; empty: above all tables."""
+    field: str
+    kind: type[int] | type[float] | type[str]
+    default: Scalar
+    choices: tuple[Scalar, ...]
+    """Empty: a number within low..high, or any text."""
+    low: Number
+    high: Number
+    unit: str
+    meaning: str
+    per_robot: bool
+
+    @property
+    def allowed(self) -> str:
+        if self.choices:
+            return " | ".join(str(value) for value in self.choices)
+        if self.kind is str:
+            return "any path"
+        return f"{plain(self.low)} .. {plain(self.high)}{' ' if self.unit else ''}{self.unit}"
+
+
+def plain(value: Number) -> str:
+    """Without an exponent, and without a fraction that is not there."""
+    return str(int(value)) if value == int(value) else repr(value)
+
+
+TABLES: dict[str, type] = {
+    name: hint
+    for name, hint in get_type_hints(RobotSettings).items()
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint)
+}
+"""The class of each table."""
+
+
+def _settings(owner: Any, table: str, per_robot: bool) -> list[Setting]:
+    hints = get_type_hints(owner)
+    found = []
+    for each in dataclasses.fields(owner):
+        if each.name in TABLES and not table:
+            found += _settings(TABLES[each.name], each.name, per_robot)
+            continue
+        hint: Any = hints[each.name]
+        default: Any = each.default
+        choices = get_args(hint) if get_origin(hint) is Literal else ()
+        found.append(
+            Setting(
+                name=f"{table}_{each.name}" if table else each.name,
+                table=table,
+                field=each.name,
+                kind=type(choices[0]) if choices else hint,
+                default=default,
+                choices=choices,
+                low=each.metadata.get("low", 0),
+                high=each.metadata.get("high", 0),
+                unit=each.metadata["unit"],
+                meaning=each.metadata["meaning"],
+                per_robot=per_robot,
+            )
+        )
+    return found
+
+
+SETTINGS: dict[str, Setting] = {
+    setting.name: setting
+    for setting in [*_settings(General, "", per_robot=False), *_settings(RobotSettings, "", per_robot=True)]
+}
+"""By name, in the order of the documentation."""
+
+IMPOSSIBLE = {
+    "tcp_reorder": "TCP delivers in order",
+    "tcp_duplicate": "TCP delivers once",
+    "spi_reorder": "on SPI one window follows the other",
+    "gap8_divider": "only the STM32's stamp clock has the divider",
+    "esp32_divider": "only the STM32's stamp clock has the divider",
+}
+"""Keys that a user may well try, and why there is no such key."""
