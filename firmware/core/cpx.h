@@ -1,7 +1,7 @@
 /// CPX: the packet that travels between STM32, ESP32, GAP8 and host, whatever the link below.
 ///
-/// A packet is a two-byte route and then data. Links (cpx_uart.h, cpx_spi.h, cpx_tcp.h) add their own framing.
-/// Layout and limits: docs/PROTOCOL.md, "CPX".
+/// A packet is a two-byte route and then data. Links (cpx_uart.h, cpx_spi.h, cpx_tcp.h) add their own
+/// framing. Layout and limits: docs/PROTOCOL.md, "CPX".
 #ifndef SPINDECK_CORE_CPX_H
 #define SPINDECK_CORE_CPX_H
 
@@ -10,10 +10,10 @@
 enum {
     CPX_VERSION = 0,
     CPX_ROUTE_BYTES = 2,
-    CPX_MTU_UART = 100,      ///< route and data, STM32 <-> ESP32
-    CPX_MTU = 1022,          ///< route and data, everywhere else
-    CPX_DATA_UART_MAX = 98,  ///< CPX_MTU_UART - CPX_ROUTE_BYTES
-    CPX_DATA_MAX = 1020,     ///< CPX_MTU - CPX_ROUTE_BYTES
+    CPX_MTU_UART = 100,     ///< route and data, STM32 <-> ESP32
+    CPX_MTU = 1022,         ///< route and data, everywhere else
+    CPX_DATA_UART_MAX = 98, ///< CPX_MTU_UART - CPX_ROUTE_BYTES
+    CPX_DATA_MAX = 1020,    ///< CPX_MTU - CPX_ROUTE_BYTES
 };
 
 /// Who a packet is from and for. 0 and 5..7 are not in use.
@@ -43,15 +43,16 @@ enum {
     SYSTEM_BRIDGE = 0x21,         ///< to the STM32, then u8: CRTP goes over CPX while 1
     TEST_SINK = 0,
     TEST_ECHO = 1,
+    BOOTLOADER_JUMP = 6, ///< ESP32 -> GAP8, at its start: go on to the app
 };
 
 /// Errors of the decoders in core. Whatever is negative left the output untouched.
 enum {
-    ERR_SHORT = -1,    ///< more bytes are needed before this can be judged
-    ERR_START = -2,    ///< the first bytes are not this message's
-    ERR_LENGTH = -3,   ///< the length field is out of range
-    ERR_CHECK = -4,    ///< the checksum does not match
-    ERR_VALUE = -5,    ///< a field has a value that the format does not allow
+    ERR_SHORT = -1,  ///< more bytes are needed before this can be judged
+    ERR_START = -2,  ///< the first bytes are not this message's
+    ERR_LENGTH = -3, ///< the length field is out of range
+    ERR_CHECK = -4,  ///< the checksum does not match
+    ERR_VALUE = -5,  ///< a field has a value that the format does not allow
 };
 
 typedef struct {

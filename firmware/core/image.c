@@ -1,6 +1,6 @@
 #include "image.h"
 
-enum { PERIOD_MAX_US = 10000000, DATA_MIN = 64 };
+enum { PERIOD_MAX_US = 10000000, DATA_MIN = NATIVE_FRAME_BYTES };
 
 /// What every picture must satisfy, stock or native: 0 or ERR_VALUE.
 static int picture_check(uint16_t width, uint16_t height, uint8_t depth, uint8_t encoding, uint32_t size) {

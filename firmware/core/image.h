@@ -1,10 +1,13 @@
 /// The image stream, GAP8 -> host: the stock messages, and the native ones that are sent only when asked for.
 ///
-/// Stock: an 11-byte header packet, then the body in packets of at most CPX_DATA_MAX bytes; no counter, no time,
-/// no check. Native: each packet says frame and offset, and each frame carries its times, counters and a CRC-32.
-/// Both go as CPX_APP from CPX_GAP8 to CPX_HOST. Firmware that speaks native announces it in the reserved bit of
-/// the route of its stock header packets, where no known viewer looks; it sends native only to a host that has
-/// asked (NATIVE_STREAM), until that host disconnects. Layouts: docs/PROTOCOL.md, "Image stream".
+/// Stock: an 11-byte header packet, then the body in packets of at most CPX_DATA_MAX bytes; no counter, no
+/// time, no check. Native: each packet says frame and offset, and each frame carries its times, counters and
+/// a CRC-32. Both go as CPX_APP from CPX_GAP8 to CPX_HOST. Firmware that speaks native announces it in the
+/// reserved bit of the route of its stock header packets, where no known viewer looks; it sends native only
+/// to a host that has asked (NATIVE_STREAM), until that host disconnects. Layouts: docs/PROTOCOL.md, "Image
+/// stream". Each native message is one CPX packet with last_packet set. UART2 carries 98 bytes of data, so
+/// there the ESP32 cuts longer ones: last_packet is clear in all pieces but the last, and the receiver joins
+/// them again by it. Stock packets are cut likewise and need no joining: their receiver counts bytes.
 #ifndef SPINDECK_CORE_IMAGE_H
 #define SPINDECK_CORE_IMAGE_H
 
@@ -15,15 +18,15 @@ enum {
     IMAGE_STOCK_BYTES = 11,
     IMAGE_RAW = 0,
     IMAGE_JPEG = 1,
-    IMAGE_SIDE_MAX = 1024,            ///< pixels; the sensor has 324
-    IMAGE_BODY_MAX = 1024 * 1024,     ///< bytes; anything larger is a damaged header
+    IMAGE_SIDE_MAX = 1024,        ///< pixels; the sensor has 324
+    IMAGE_BODY_MAX = 1024 * 1024, ///< bytes; anything larger is a damaged header
     NATIVE_MAGIC = 0x4E,
     NATIVE_FRAME_BYTES = 100,
     NATIVE_DATA_HEAD_BYTES = 8,
-    NATIVE_DATA_BODY_MAX = 1012,      ///< CPX_DATA_MAX - NATIVE_DATA_HEAD_BYTES
+    NATIVE_DATA_BODY_MAX = 1012, ///< CPX_DATA_MAX - NATIVE_DATA_HEAD_BYTES
     NATIVE_PAIRS_HEAD_BYTES = 8,
     NATIVE_PAIR_BYTES = 21,
-    NATIVE_PAIRS_MAX = 48,            ///< pairs in one packet
+    NATIVE_PAIRS_MAX = 48, ///< pairs in one packet
     NATIVE_STREAM_BYTES = 6,
     NATIVE_CAMERA_BYTES = 14,
     NATIVE_REPLY_BYTES = 4,
@@ -43,8 +46,8 @@ enum {
 
 /// native_frame_t.flags. The first two say which fields mean anything; the rest are for the clock estimator.
 enum {
-    FRAME_HAS_ESTIMATE = 1,  ///< frame_stm32_us is set
-    FRAME_HAS_BOUND = 2,     ///< bound_us is set
+    FRAME_HAS_ESTIMATE = 1, ///< frame_stm32_us is set
+    FRAME_HAS_BOUND = 2,    ///< bound_us is set
     FRAME_COLD = 4,
     FRAME_HOLDOVER = 8,
     FRAME_QUARANTINE = 16,
@@ -52,7 +55,7 @@ enum {
     FRAME_EPOCH_NEW = 64,
     FRAME_BEFORE_EPOCH = 128,
     FRAME_QUANTISED = 256,
-    FRAME_REFUSED = 512,     ///< there is a reason why no estimate is given
+    FRAME_REFUSED = 512, ///< there is a reason why no estimate is given
 };
 
 typedef struct {
@@ -72,18 +75,18 @@ typedef struct {
     uint8_t encoding; ///< IMAGE_RAW or IMAGE_JPEG
     uint16_t flags;
     uint32_t body_bytes;
-    uint32_t body_crc32;      ///< crc32_zlib of the body
-    uint64_t frame_gap8_us;   ///< GAP8 stamp clock, raw, at end of frame
-    uint64_t frame_stm32_us;  ///< estimate of the STM32 stamp clock at end of frame
-    uint32_t bound_us;        ///< of the estimate, either side
-    uint8_t epoch;            ///< of the STM32 clock
-    uint8_t analog_gain;      ///< 1, 2, 4, 8
-    uint8_t digital_gain;     ///< 1/64
-    uint8_t burst;            ///< images of the burst that this frame belongs to
+    uint32_t body_crc32;     ///< crc32_zlib of the body
+    uint64_t frame_gap8_us;  ///< GAP8 stamp clock, raw, at end of frame
+    uint64_t frame_stm32_us; ///< estimate of the STM32 stamp clock at end of frame
+    uint32_t bound_us;       ///< of the estimate, either side
+    uint8_t epoch;           ///< of the STM32 clock
+    uint8_t analog_gain;     ///< 1, 2, 4, 8
+    uint8_t digital_gain;    ///< 1/64
+    uint8_t burst;           ///< images of the burst that this frame belongs to
     uint32_t exposure_lines;
-    uint32_t line_time_ns;    ///< GAP8 time
-    uint32_t stamp_sequence;  ///< of the last stamp before the frame
-    uint32_t stamp_age_us;    ///< frame_gap8_us - its arrival; UINT32_MAX: none yet
+    uint32_t line_time_ns;   ///< GAP8 time
+    uint32_t stamp_sequence; ///< of the last stamp before the frame
+    uint32_t stamp_age_us;   ///< frame_gap8_us - its arrival; UINT32_MAX: none yet
     uint32_t stamps_received;
     uint32_t stamps_missed;   ///< gaps in the sequence
     uint32_t stamps_bad;      ///< CRC or garbage on UART1
@@ -105,10 +108,10 @@ typedef struct {
 typedef struct {
     uint64_t up_us; ///< ESP32
     uint32_t frames_forwarded;
-    uint32_t frames_dropped;   ///< whole, because the TCP connection was too slow
-    uint32_t frames_cut;       ///< the GAP8 began a new one before the last was complete
+    uint32_t frames_dropped; ///< whole, because the TCP connection was too slow
+    uint32_t frames_cut;     ///< the GAP8 began a new one before the last was complete
     uint32_t packets_forwarded;
-    uint32_t packets_dropped;  ///< other than images, for want of room
+    uint32_t packets_dropped; ///< other than images, for want of room
     uint32_t packets_unroutable;
     uint32_t uart_bad_check;
     uint32_t uart_bad_length;
@@ -119,8 +122,9 @@ typedef struct {
 } native_status_t; ///< 2 + 2 (spare) + 8 + 12 * 4 = NATIVE_STATUS_BYTES
 
 typedef struct {
-    uint8_t dialect;    ///< 0 stock, 1 native
-    uint16_t data_max;  ///< longest CPX data that the host wants, 64..CPX_DATA_MAX; 0 means CPX_DATA_MAX
+    uint8_t dialect; ///< 0 stock, 1 native
+    uint16_t
+        data_max; ///< longest CPX data that the host wants, NATIVE_FRAME_BYTES..CPX_DATA_MAX; 0: CPX_DATA_MAX
 } native_stream_t;
 
 typedef struct {
@@ -147,14 +151,15 @@ void native_stream_encode(const native_stream_t *stream, uint8_t out[6]);
 void native_camera_encode(const native_camera_t *camera, uint8_t out[14]);
 void native_reply_encode(const native_reply_t *reply, uint8_t out[4]);
 
-/// Writes `count` (1..NATIVE_PAIRS_MAX) pairs and returns the size, or 0 when `out` is too small or count is not in
-/// range. `lost` is native_frame_t.pairs_lost at that moment.
+/// Writes `count` (1..NATIVE_PAIRS_MAX) pairs and returns the size, or 0 when `out` is too small or count is
+/// not in range. `lost` is native_frame_t.pairs_lost at that moment.
 size_t native_pairs_encode(const native_pair_t *pairs, size_t count, uint32_t lost, bytes_mut_t out);
 
-/// Decoders take one CPX packet's data and return the bytes used, or a negative ERR_*; the output is untouched on
-/// error. Longer input than needed is allowed for messages (they may grow), not for the stock header, which is
-/// ERR_LENGTH unless exactly 11 bytes. Stock: ERR_VALUE unless 1 <= sides <= IMAGE_SIDE_MAX, depth 1..4, type 0 or
-/// 1, 1 <= size <= IMAGE_BODY_MAX, and for raw size = width * height * depth. Native frame: likewise.
+/// Decoders take one CPX packet's data and return the bytes used, or a negative ERR_*; the output is
+/// untouched on error. Longer input than needed is allowed for messages (they may grow), not for the stock
+/// header, which is ERR_LENGTH unless exactly 11 bytes. Stock: ERR_VALUE unless 1 <= sides <= IMAGE_SIDE_MAX,
+/// depth 1..4, type 0 or 1, 1 <= size <= IMAGE_BODY_MAX, and for raw size = width * height * depth. Native
+/// frame: likewise.
 int image_stock_decode(bytes_t in, image_stock_t *header);
 int native_frame_decode(bytes_t in, native_frame_t *frame);
 /// `frame_low` gets the low 16 bits of the frame number; `body` views `in` and is never empty.

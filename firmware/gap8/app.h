@@ -1,8 +1,13 @@
 /// The GAP8's part: camera frames and the STM32's time in, a stamped image stream out.
 ///
 /// The four verbs are called as in stm32/app.h. The camera is a port: gap8_transmit on it gives a command to
-/// capture into one of GAP8_SLOTS buffers, gap8_receive on it brings the finished body. Bodies are never copied:
-/// the bytes given to gap8_receive stay valid until the next command for the same slot.
+/// capture into one of GAP8_SLOTS buffers, gap8_receive on it brings the finished body. Bodies are never
+/// copied: the bytes given to gap8_receive stay valid until the next command for the same slot. A command
+/// while a capture is under way (it took longer than GAP8_CAMERA_TIMEOUT_US) replaces it.
+///
+/// The images of a burst are taken back to back, so a burst starts when there are slots for all of it; one
+/// that is due and cannot start is counted in captures_late: with a frame period it is left out, without one
+/// it waits.
 #ifndef SPINDECK_GAP8_APP_H
 #define SPINDECK_GAP8_APP_H
 
@@ -11,29 +16,30 @@
 #include "../core/stamp.h"
 
 typedef enum {
-    GAP8_PORT_UART1 = 0,  ///< from the STM32, in only: stamp messages
-    GAP8_PORT_SPI = 1,    ///< to and from the ESP32, this side is master
+    GAP8_PORT_UART1 = 0, ///< from the STM32, in only: stamp messages
+    GAP8_PORT_SPI = 1,   ///< to and from the ESP32, this side is master
     GAP8_PORT_CAMERA = 2,
     GAP8_PORT_COUNT = 3,
 } gap8_port_t;
 
 enum {
     GAP8_SLOTS = 3,
-    GAP8_PAIRS_MAX = 512,            ///< kept between two frames; more are counted as lost
-    GAP8_QUEUE_PACKETS = 4,          ///< small replies waiting for SPI
-    GAP8_QUEUE_DATA = 64,            ///< longest small reply
-    GAP8_CAMERA_TIMEOUT_US = 1000000,///< a capture that takes longer has failed
-    GAP8_CAMERA_COMMAND_BYTES = 8,   ///< slot, encoding, auto exposure, analog gain, digital gain, 0, u16 exposure lines
+    GAP8_PAIRS_MAX = 512,             ///< kept between two frames; more are counted as lost
+    GAP8_QUEUE_PACKETS = 4,           ///< small replies waiting for SPI
+    GAP8_QUEUE_DATA = 64,             ///< longest small reply
+    GAP8_CAMERA_TIMEOUT_US = 1000000, ///< a capture that takes longer has failed
+    GAP8_CAMERA_COMMAND_BYTES =
+        8, ///< slot, encoding, auto exposure, analog gain, digital gain, 0, u16 exposure lines
 };
 
 typedef struct {
-    uint16_t width;       ///< pixels; 0: no camera
-    uint16_t height;      ///< pixels
-    uint32_t line_time_ns;///< GAP8 time from row to row
+    uint16_t width;         ///< pixels; 0: no camera
+    uint16_t height;        ///< pixels
+    uint32_t line_time_ns;  ///< GAP8 time from row to row
     native_camera_t camera; ///< settings at boot; must pass native_camera_check
-    uint8_t stamp_bits;   ///< width of the stamp clock, for elapsed times across its wrap; 0 means 64
-    bool stock_only;      ///< behave as the stock streamer: no announcement, no native requests
-    bool stream_always;   ///< stream without waiting for WIFI_CLIENT_CONNECTED
+    uint8_t stamp_bits;     ///< width of the stamp clock, for elapsed times across its wrap; 0 means 64
+    bool stock_only;        ///< behave as the stock streamer: no announcement, no native requests
+    bool stream_always;     ///< stream without waiting for WIFI_CLIENT_CONNECTED
 } gap8_config_t;
 
 typedef enum { SLOT_FREE = 0, SLOT_CAPTURING, SLOT_READY, SLOT_SENDING } gap8_slot_state_t;
@@ -52,31 +58,36 @@ typedef struct {
 
 typedef struct {
     gap8_config_t config;
-    native_camera_t camera;
+    native_camera_t camera;      ///< of the burst under way
+    native_camera_t camera_next; ///< from the next burst on
     native_stream_t stream;      ///< what the host has asked for
     bool client;                 ///< a host is connected
     stamp_rx_t stamp_rx;
-    bool stamp_valid;            ///< one has been received since boot
+    bool stamp_valid; ///< one has been received since boot
     stamp_t stamp_last;
     uint64_t stamp_last_gap8_us; ///< stamp clock when it came in
     native_pair_t pairs[512];    ///< ring
     uint16_t pairs_head;
     uint16_t pairs_fill;
     gap8_slot_t slots[3];
-    uint8_t order[3];            ///< slots that wait to be sent, oldest first
+    uint8_t order[3]; ///< slots that wait to be sent, oldest first
     uint8_t order_fill;
-    int8_t capturing;            ///< slot, or -1
-    int8_t sending;              ///< slot, or -1
-    uint8_t burst_left;          ///< captures still to start in this burst
-    uint64_t capture_next_us;    ///< uptime of the next burst
+    int8_t capturing;         ///< slot, or -1
+    int8_t sending;           ///< slot, or -1
+    uint8_t burst_left;       ///< captures still to start in this burst; their slots are free
+    bool capture_waits;       ///< the next burst is due, and counted as late: its slots are not free
+    uint64_t capture_next_us; ///< uptime of the next burst
     uint64_t capture_timeout_us;
-    uint32_t send_stage;         ///< what part of the frame goes next
-    uint32_t send_offset;        ///< body bytes sent
-    uint32_t send_part_end;      ///< stock JPEG: end of the part (file header, data, footer) being sent
+    bool send_native; ///< the dialect of the frame being sent
+    bool send_header_done;
+    uint16_t send_data_max;   ///< longest CPX data of the frame being sent
+    uint16_t send_pairs_left; ///< pairs to go before its body
+    uint32_t send_offset;     ///< body bytes sent
+    uint32_t send_part_end;   ///< stock JPEG: end of the part (file header, data, footer) being sent
     gap8_packet_t queue[4];
     uint8_t queue_head;
     uint8_t queue_fill;
-    uint32_t frame;              ///< number of the next completed frame
+    uint32_t frame; ///< number of the next completed frame
     uint32_t stamps_missed;
     uint32_t pairs_lost;
     uint32_t captures_failed;
@@ -92,13 +103,14 @@ typedef struct {
 /// 0, or ERR_VALUE when the camera settings or the size are out of range. As stm32_init.
 int gap8_init(gap8_t *self, const gap8_config_t *config, instant_t now);
 
-/// UART1: one byte or more. SPI: what the slave sent in one window (header, route, data, padding). CAMERA: the body
-/// of the capture under way, empty if it failed; `now` is the end of frame. Returns the bytes taken (all).
+/// UART1: one byte or more. SPI: what the slave sent in one window (header, route, data, padding). CAMERA:
+/// the body of the capture under way, empty if it failed; `now` is the end of frame. Returns the bytes taken
+/// (all).
 int gap8_receive(gap8_t *self, gap8_port_t port, bytes_t in, instant_t now);
 
-/// SPI: header, route and data for one window (`out` takes CPX_LINK_FRAME_MAX), or 0 when there is nothing to send;
-/// a window that the slave asked for while this returns 0 is clocked with four zero bytes. CAMERA: one command of
-/// GAP8_CAMERA_COMMAND_BYTES, or 0.
+/// SPI: header, route and data for one window (`out` takes CPX_LINK_FRAME_MAX), or 0 when there is nothing to
+/// send; a window that the slave asked for while this returns 0 is clocked with four zero bytes. CAMERA: one
+/// command of GAP8_CAMERA_COMMAND_BYTES, or 0.
 size_t gap8_transmit(gap8_t *self, gap8_port_t port, bytes_mut_t out, instant_t now);
 
 uint64_t gap8_deadline(const gap8_t *self);

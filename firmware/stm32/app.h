@@ -1,7 +1,7 @@
 /// The STM32 flight controller's part: a time message 100 times a second, and CPX over UART2.
 ///
-/// The four verbs (docs/DESIGN.md, "One firmware, four verbs"): the board, or the simulator's kernel, moves bytes
-/// between wires and these functions, and nobody else does. After every call of stm32_receive, and when
+/// The four verbs (docs/DESIGN.md, "One firmware, four verbs"): the board, or the simulator's kernel, moves
+/// bytes between wires and these functions, and nobody else does. After every call of stm32_receive, and when
 /// stm32_deadline has come, it calls stm32_transmit on each idle port, in the order of their numbers.
 #ifndef SPINDECK_STM32_APP_H
 #define SPINDECK_STM32_APP_H
@@ -17,18 +17,18 @@ typedef enum {
 } stm32_port_t;
 
 enum {
-    STM32_QUEUE_PACKETS = 8,   ///< waiting for UART2
+    STM32_QUEUE_PACKETS = 8, ///< waiting for UART2
     STM32_WIFI_RETRY_US = 2000000,
     STM32_NAME_BYTES = 32,
 };
 
 /// Zero is a usable value for every field.
 typedef struct {
-    uint32_t stamp_period_us;  ///< 0 means STAMP_PERIOD_US; UINT32_MAX: no stamps
-    uint8_t wifi_mode;         ///< 0 none: leave the ESP32 alone; 1 access point; 2 station
-    char wifi_ssid[32];        ///< NUL-terminated
-    char wifi_key[64];         ///< NUL-terminated; empty: an open network
-    uint32_t crtp_period_us;   ///< while the host has the bridge on, a CRTP console packet this often; 0: none
+    uint32_t stamp_period_us; ///< 0 means STAMP_PERIOD_US; UINT32_MAX: no stamps
+    uint8_t wifi_mode;        ///< 0 none: leave the ESP32 alone; 1 access point; 2 station
+    char wifi_ssid[32];       ///< NUL-terminated
+    char wifi_key[64];        ///< NUL-terminated; empty: an open network
+    uint32_t crtp_period_us;  ///< while the host has the bridge on, a CRTP console packet this often; 0: none
 } stm32_config_t;
 
 typedef struct {
@@ -41,16 +41,16 @@ typedef struct {
     stm32_config_t config;
     cpx_uart_t uart2;
     uint8_t stamp[STAMP_BYTES];
-    uint8_t stamp_sent;       ///< STAMP_BYTES: none under way
-    uint64_t stamp_next_us;   ///< uptime
-    uint64_t stamp_last_us;   ///< stamp clock of the last message: going backwards starts a new epoch
+    uint8_t stamp_sent;     ///< STAMP_BYTES: none under way
+    uint64_t stamp_next_us; ///< uptime
+    uint64_t stamp_last_us; ///< stamp clock of the last message: going backwards starts a new epoch
     uint32_t stamp_sequence;
     uint8_t epoch;
     uint64_t wifi_next_us;
     uint64_t crtp_next_us;
     uint32_t crtp_sequence;
-    bool client;              ///< a host is connected to the ESP32
-    bool bridge;              ///< the host wants CRTP over CPX
+    bool client; ///< a host is connected to the ESP32
+    bool bridge; ///< the host wants CRTP over CPX
     stm32_packet_t queue[8];
     uint8_t queue_head;
     uint8_t queue_fill;
@@ -58,17 +58,18 @@ typedef struct {
     uint32_t stamps_late;     ///< periods that passed without a message
     uint32_t packets_dropped; ///< the queue was full
     uint32_t packets_unknown; ///< a function or destination that is not ours
+    uint32_t crtp_ignored;    ///< CRTP from the host: there is no flight controller behind it
 } stm32_t;
 
-/// 0, or ERR_VALUE for a mode above 2 or a name without its NUL. `self` is the caller's; all of it is written.
-/// Must not be moved afterwards.
+/// 0, or ERR_VALUE for a mode above 2 or a name without its NUL. `self` is the caller's; all of it is
+/// written. Must not be moved afterwards.
 int stm32_init(stm32_t *self, const stm32_config_t *config, instant_t now);
 
 /// Bytes that came in on `port`; `now` is the time of the last stop bit. Returns how many were taken (all).
 int stm32_receive(stm32_t *self, stm32_port_t port, bytes_t in, instant_t now);
 
-/// Writes at most what the part's FIFO takes (one byte on a UART) and returns how much. The caller calls it at
-/// the instant when the last byte has left: that instant is the time in a stamp message.
+/// Writes at most what the part's FIFO takes (one byte on a UART) and returns how much. The caller calls it
+/// at the instant when the last byte has left: that instant is the time in a stamp message.
 size_t stm32_transmit(stm32_t *self, stm32_port_t port, bytes_mut_t out, instant_t now);
 
 /// The uptime at which stm32_transmit wants to be called even if nothing is received, or NEVER_US.

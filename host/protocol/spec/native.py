@@ -139,7 +139,7 @@ STREAM = message(
     16,
     "dialect" / OneOf(Int8ul, (0, 1)) * "0 stock, 1 native",
     Padding(1) * "written as 0, ignored",
-    "data_max" / OneOf(Int16ul, (0, *range(64, 1021))) * "longest CPX data wanted, 64..1020 bytes; 0: 1020",
+    "data_max" / OneOf(Int16ul, (0, *range(100, 1021))) * "longest CPX data wanted, 100..1020 bytes; 0: 1020",
 )
 
 CAMERA = message(

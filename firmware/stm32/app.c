@@ -1,0 +1,230 @@
+#include "app.h"
+
+#include <string.h>
+
+enum { COMMAND_BYTES_MAX = 1 + 64, TEXT_BYTES_MAX = 24 };
+
+static bool has_nul(const char *text, size_t size) {
+    return memchr(text, 0, size) != NULL;
+}
+
+static uint64_t stamp_period_us(const stm32_t *self) {
+    const uint32_t period_us = self->config.stamp_period_us;
+    return period_us == 0 ? STAMP_PERIOD_US : period_us;
+}
+
+int stm32_init(stm32_t *self, const stm32_config_t *config, instant_t now) {
+    if (config->wifi_mode > 2 || !has_nul(config->wifi_ssid, sizeof config->wifi_ssid) ||
+        !has_nul(config->wifi_key, sizeof config->wifi_key)) {
+        return ERR_VALUE;
+    }
+    *self = (stm32_t){
+        .config = *config,
+        .stamp_sent = STAMP_BYTES,
+        .stamp_next_us = config->stamp_period_us == UINT32_MAX ? NEVER_US : now.up_us,
+        .wifi_next_us = config->wifi_mode == 0 ? NEVER_US : now.up_us,
+        .crtp_next_us = NEVER_US,
+    };
+    cpx_uart_init(&self->uart2, now.up_us);
+    return 0;
+}
+
+/// Queues one packet for UART2.
+static void send(stm32_t *self, uint8_t destination, uint8_t function, bytes_t data) {
+    if (self->queue_fill == STM32_QUEUE_PACKETS || data.size > CPX_DATA_UART_MAX) {
+        self->packets_dropped++;
+        return;
+    }
+    stm32_packet_t *packet = &self->queue[(self->queue_head + self->queue_fill) % STM32_QUEUE_PACKETS];
+    const cpx_route_t route = {.destination = destination, .source = CPX_STM32, .function = function};
+    cpx_route_encode(&route, packet->route);
+    memcpy(packet->data, data.data, data.size);
+    packet->size = (uint8_t)data.size;
+    self->queue_fill++;
+}
+
+static void send_command(stm32_t *self, uint8_t command, const char *argument, size_t size) {
+    uint8_t data[COMMAND_BYTES_MAX] = {command};
+    memcpy(data + 1, argument, size);
+    send(self, CPX_ESP32, CPX_WIFI_CTRL, (bytes_t){data, 1 + size});
+}
+
+static void set_up_wifi(stm32_t *self) {
+    if (self->queue_fill > 0) {
+        return; // the ESP32 has not taken what was sent last
+    }
+    const stm32_config_t *config = &self->config;
+    const char access_point = config->wifi_mode == 1;
+    send_command(self, WIFI_SET_SSID, config->wifi_ssid, strlen(config->wifi_ssid));
+    if (config->wifi_key[0] != 0) {
+        send_command(self, WIFI_SET_KEY, config->wifi_key, strlen(config->wifi_key));
+    }
+    send_command(self, WIFI_CONNECT, &access_point, 1);
+}
+
+static void send_crtp(stm32_t *self) {
+    uint8_t text[TEXT_BYTES_MAX] = "\0crtp "; // CRTP header 0: port 0, console
+    size_t size = 6;
+    uint32_t divisor = 1;
+    while (self->crtp_sequence / divisor >= 10) {
+        divisor *= 10;
+    }
+    for (; divisor > 0; divisor /= 10) {
+        text[size++] = (uint8_t)('0' + self->crtp_sequence / divisor % 10);
+    }
+    text[size++] = '\n';
+    self->crtp_sequence++;
+    send(self, CPX_HOST, CPX_CRTP, (bytes_t){text, size});
+}
+
+/// The first point after `now_us` of the grid that `next_us` is on.
+static uint64_t next_on_grid(uint64_t next_us, uint64_t period_us, uint64_t now_us) {
+    return next_us + ((now_us - next_us) / period_us + 1) * period_us;
+}
+
+static void run_timers(stm32_t *self, uint64_t now_us) {
+    if (now_us >= self->wifi_next_us) {
+        set_up_wifi(self);
+        self->wifi_next_us = now_us + STM32_WIFI_RETRY_US;
+    }
+    if (now_us >= self->crtp_next_us) {
+        send_crtp(self);
+        self->crtp_next_us = next_on_grid(self->crtp_next_us, self->config.crtp_period_us, now_us);
+    }
+}
+
+static void set_bridge(stm32_t *self, bool on, uint64_t now_us) {
+    if (on != self->bridge && self->config.crtp_period_us > 0) {
+        self->crtp_next_us = on ? now_us : NEVER_US;
+    }
+    self->bridge = on;
+}
+
+static void set_client(stm32_t *self, bool on, uint64_t now_us) {
+    self->client = on;
+    if (on) {
+        self->wifi_next_us = NEVER_US;
+    } else {
+        set_bridge(self, false, now_us);
+    }
+}
+
+/// False for a packet that means nothing here.
+static bool handle(stm32_t *self, const cpx_packet_t *packet, uint64_t now_us) {
+    const bytes_t in = packet->data;
+    if (!cpx_route_ok(&packet->route) || packet->route.destination != CPX_STM32 || in.size == 0) {
+        return false;
+    }
+    switch (packet->route.function) {
+    case CPX_SYSTEM:
+        if (in.data[0] == SYSTEM_CLIENT && in.size >= 2) {
+            set_client(self, in.data[1] != 0, now_us);
+            return true;
+        }
+        if (in.data[0] == SYSTEM_BRIDGE && in.size >= 2) {
+            set_bridge(self, in.data[1] != 0, now_us);
+            return true;
+        }
+        return false;
+    case CPX_WIFI_CTRL:
+        if (in.data[0] == WIFI_CLIENT_CONNECTED && in.size >= 2) {
+            set_client(self, in.data[1] != 0, now_us);
+            return true;
+        }
+        return in.data[0] == WIFI_CONNECTED && in.size >= 5;
+    case CPX_TEST:
+        if (in.data[0] == TEST_ECHO) {
+            send(self, packet->route.source, CPX_TEST, in);
+        }
+        return in.data[0] == TEST_SINK || in.data[0] == TEST_ECHO;
+    case CPX_CRTP: // there is no flight controller behind this app
+        self->crtp_ignored++;
+        return true;
+    case CPX_CONSOLE:
+        return true;
+    default:
+        return false;
+    }
+}
+
+int stm32_receive(stm32_t *self, stm32_port_t port, bytes_t in, instant_t now) {
+    for (size_t i = 0; port == STM32_PORT_UART2 && i < in.size; i++) {
+        cpx_packet_t packet;
+        if (cpx_uart_receive(&self->uart2, in.data[i], now.up_us, &packet)) {
+            self->packets_unknown += handle(self, &packet, now.up_us) ? 0 : 1;
+            cpx_uart_accept(&self->uart2);
+        }
+    }
+    return (int)in.size;
+}
+
+static void begin_stamp(stm32_t *self, instant_t now) {
+    const uint64_t period_us = stamp_period_us(self);
+    self->stamps_late += (uint32_t)((now.up_us - self->stamp_next_us) / period_us);
+    self->stamp_next_us = next_on_grid(self->stamp_next_us, period_us, now.up_us);
+    if (now.stamp_us < self->stamp_last_us) {
+        self->epoch++;
+    }
+    self->stamp_last_us = now.stamp_us;
+    const stamp_t stamp = {self->stamp_sequence, now.stamp_us, self->epoch};
+    stamp_encode(&stamp, self->stamp);
+    self->stamp_sequence++;
+    self->stamp_sent = 0;
+}
+
+static size_t transmit_stamp(stm32_t *self, uint8_t *out, instant_t now) {
+    if (self->stamp_sent == STAMP_BYTES) {
+        if (now.up_us < self->stamp_next_us) {
+            return 0;
+        }
+        begin_stamp(self, now);
+    }
+    *out = self->stamp[self->stamp_sent++];
+    self->stamps_sent += self->stamp_sent == STAMP_BYTES;
+    return 1;
+}
+
+static size_t transmit_cpx(stm32_t *self, uint8_t *out, uint64_t now_us) {
+    if (self->queue_fill > 0) {
+        const stm32_packet_t *first = &self->queue[self->queue_head];
+        cpx_packet_t packet = {.data = {first->data, first->size}};
+        cpx_route_decode(first->route, &packet.route);
+        if (cpx_uart_send(&self->uart2, &packet)) {
+            self->queue_head = (uint8_t)((self->queue_head + 1) % STM32_QUEUE_PACKETS);
+            self->queue_fill--;
+        }
+    }
+    return cpx_uart_transmit(&self->uart2, out, now_us);
+}
+
+size_t stm32_transmit(stm32_t *self, stm32_port_t port, bytes_mut_t out, instant_t now) {
+    if (out.size == 0) {
+        return 0;
+    }
+    run_timers(self, now.up_us);
+    switch (port) {
+    case STM32_PORT_UART1:
+        return transmit_stamp(self, out.data, now);
+    case STM32_PORT_UART2:
+        return transmit_cpx(self, out.data, now.up_us);
+    default:
+        return 0;
+    }
+}
+
+static uint64_t earlier(uint64_t a_us, uint64_t b_us) {
+    return a_us < b_us ? a_us : b_us;
+}
+
+uint64_t stm32_deadline(const stm32_t *self) {
+    uint64_t deadline_us = earlier(self->wifi_next_us, self->crtp_next_us);
+    // Inside a message the caller comes by itself when the last byte has left.
+    if (self->stamp_sent == STAMP_BYTES) {
+        deadline_us = earlier(deadline_us, self->stamp_next_us);
+    }
+    if (self->uart2.tx_sent == 0 && self->uart2.credit_sent == 0) {
+        const bool loads = self->queue_fill > 0 && self->uart2.tx_size == 0;
+        deadline_us = earlier(deadline_us, loads ? 0 : cpx_uart_deadline(&self->uart2));
+    }
+    return deadline_us;
+}
