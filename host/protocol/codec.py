@@ -1,0 +1,119 @@
+"""Packets to bytes and back, through the C that the robot runs.
+
+Encoders raise LocalError for what does not fit its field; decoders raise PeerError with the place of the first byte
+that they were given and what is wrong there.
+"""
+
+from typing import Any
+
+from ..native import check, ffi, lib
+from .errors import LocalError
+from .packets import CameraSettings, CpxPacket, Route, StampMessage, StreamRequest
+
+ENCODINGS = {"raw": lib.IMAGE_RAW, "jpeg": lib.IMAGE_JPEG}
+
+CAMERA_RANGES = {
+    "auto_exposure": "False or True",
+    "analog_gain": "1, 2, 4 or 8",
+    "digital_gain": "1..255",
+    "burst": "1..3",
+    "encoding": "raw or jpeg",
+    "exposure_lines": "2..65535",
+    "frame_period_us": "0..10000000",
+}
+
+
+def encode_cpx_tcp(packet: CpxPacket) -> bytes:
+    """For the TCP connection, and for SPI."""
+    return _encode_cpx(packet, lib.cpx_link_encode, lib.CPX_DATA_MAX, lib.CPX_LINK_FRAME_MAX)
+
+
+def encode_cpx_uart(packet: CpxPacket) -> bytes:
+    return _encode_cpx(packet, lib.cpx_uart_encode, lib.CPX_DATA_UART_MAX, lib.CPX_UART_FRAME_MAX)
+
+
+def decode_cpx_tcp(data: bytes, offset: int = 0) -> tuple[CpxPacket | None, int]:
+    """The packet at `offset` and the bytes it takes. None for a length of 0, which only SPI has."""
+    packet, size = _decode_cpx(data, offset, lib.cpx_link_decode, "CPX over TCP")
+    return (None if data[offset : offset + 2] == b"\0\0" else packet), size
+
+
+def decode_cpx_uart(data: bytes, offset: int = 0) -> tuple[CpxPacket | None, int]:
+    """The packet at `offset` and the bytes it takes. None for a credit."""
+    packet, size = _decode_cpx(data, offset, lib.cpx_uart_decode, "CPX over UART")
+    return (None if data[offset + 1] == 0 else packet), size
+
+
+def decode_stamp(data: bytes, offset: int = 0) -> tuple[StampMessage, int]:
+    """The stamp message at `offset` and the bytes it takes."""
+    stamp = ffi.new("stamp_t *")
+    size = check(lib.stamp_decode(_view(data, offset), stamp), f"stamp message at byte {offset}")
+    return StampMessage(stamp.sequence, stamp.stm32_us, stamp.epoch), size
+
+
+def encode_stream_request(request: StreamRequest) -> bytes:
+    """Data of a CPX_APP packet from CPX_HOST to CPX_GAP8, and likewise to CPX_ESP32."""
+    stream = _fill("native_stream_t", dialect=int(request.native), data_max=request.data_max)
+    out = ffi.new("uint8_t[]", lib.NATIVE_STREAM_BYTES)
+    lib.native_stream_encode(stream, out)
+    if lib.native_stream_decode((out, len(out)), stream) < 0:
+        raise LocalError(f"data_max is {request.data_max}: give 0 or 64..{lib.CPX_DATA_MAX}")
+    return bytes(out)
+
+
+def encode_camera_request(settings: CameraSettings) -> bytes:
+    """Data of a CPX_APP packet to CPX_GAP8."""
+    values: dict[str, Any] = {name: getattr(settings, name) for name in CAMERA_RANGES}
+    camera = _fill("native_camera_t", **values | {"encoding": ENCODINGS.get(settings.encoding, 255)})
+    place = lib.native_camera_check(camera)
+    if place:
+        name = list(CAMERA_RANGES)[place - 1]
+        raise LocalError(f"{name} is {values[name]}: give {CAMERA_RANGES[name]}")
+    out = ffi.new("uint8_t[]", lib.NATIVE_CAMERA_BYTES)
+    lib.native_camera_encode(camera, out)
+    return bytes(out)
+
+
+def _view(data: bytes, offset: int) -> Any:
+    """A bytes_t of data[offset:]. The C reads it within the call and keeps nothing."""
+    if not 0 <= offset <= len(data):
+        raise LocalError(f"offset is {offset}: give 0..{len(data)}")
+    return ffi.new("bytes_t *", (ffi.from_buffer("uint8_t[]", data) + offset, len(data) - offset))[0]
+
+
+def _fill(struct: str, **fields: int) -> Any:
+    """A new struct. LocalError for a value that is wider than its field."""
+    made = ffi.new(f"{struct} *")
+    for name, value in fields.items():
+        try:
+            setattr(made, name, value)
+        except OverflowError as error:
+            raise LocalError(f"{name} is {value}: {error}") from error
+    return made
+
+
+def _encode_cpx(packet: CpxPacket, encode: Any, data_max: int, frame_max: int) -> bytes:
+    route = packet.route
+    names = Route.__slots__
+    filled = _fill("cpx_route_t", **{name: getattr(route, name) for name in names})
+    wire = ffi.new("uint8_t[2]")
+    lib.cpx_route_encode(filled, wire)
+    lib.cpx_route_decode(wire, filled)
+    for name in names:
+        if getattr(filled, name) != getattr(route, name):
+            raise LocalError(f"{name} is {getattr(route, name)}: too large for its bits of a CPX route")
+    data = ffi.from_buffer("uint8_t[]", packet.data)
+    out = ffi.new("uint8_t[]", frame_max)
+    size = encode(ffi.new("cpx_packet_t *", (filled[0], (data, len(data)))), (out, frame_max))
+    if size == 0:
+        raise LocalError(f"{len(data)} bytes of data: at most {data_max} fit")
+    return bytes(ffi.buffer(out, size))
+
+
+def _decode_cpx(data: bytes, offset: int, decode: Any, what: str) -> tuple[CpxPacket, int]:
+    packet = ffi.new("cpx_packet_t *")
+    view = _view(data, offset)
+    size = check(decode(view, packet), f"{what} at byte {offset}")
+    route = Route(*(getattr(packet.route, name) for name in Route.__slots__))
+    body = bytes(ffi.buffer(packet.data.data, packet.data.size)) if packet.data.size else b""
+    return CpxPacket(route, body), size
