@@ -12,15 +12,27 @@ from .packets import CameraSettings, CpxPacket, Route, StampMessage, StreamReque
 
 ENCODINGS = {"raw": lib.IMAGE_RAW, "jpeg": lib.IMAGE_JPEG}
 
-CAMERA_RANGES = {
-    "auto_exposure": "False or True",
-    "analog_gain": "1, 2, 4 or 8",
-    "digital_gain": "1..255",
-    "burst": "1..3",
-    "encoding": "raw or jpeg",
-    "exposure_lines": "2..65535",
-    "frame_period_us": "0..10000000",
+RANGES = {
+    "cpx_route_t": {
+        "destination": "0..7",
+        "source": "0..7",
+        "function": "0..63",
+        "version": "0..3",
+        "last_packet": "False or True",
+        "reserved": "False or True",
+    },
+    "native_stream_t": {"dialect": "0 or 1", "data_max": "0 or 64..1020"},
+    "native_camera_t": {
+        "auto_exposure": "False or True",
+        "analog_gain": "1, 2, 4 or 8",
+        "digital_gain": "1..255",
+        "burst": "1..3",
+        "encoding": "raw or jpeg",
+        "exposure_lines": "2..65535",
+        "frame_period_us": "0..10000000",
+    },
 }
+"""What a caller is told about a field; the C judges."""
 
 
 def encode_cpx_tcp(packet: CpxPacket) -> bytes:
@@ -53,22 +65,24 @@ def decode_stamp(data: bytes, offset: int = 0) -> tuple[StampMessage, int]:
 
 def encode_stream_request(request: StreamRequest) -> bytes:
     """Data of a CPX_APP packet from CPX_HOST to CPX_GAP8, and likewise to CPX_ESP32."""
-    stream = _fill("native_stream_t", dialect=int(request.native), data_max=request.data_max)
+    values = {"dialect": int(request.native), "data_max": request.data_max}
+    stream = _fill("native_stream_t", values)
     out = ffi.new("uint8_t[]", lib.NATIVE_STREAM_BYTES)
     lib.native_stream_encode(stream, out)
     if lib.native_stream_decode((out, len(out)), stream) < 0:
-        raise LocalError(f"data_max is {request.data_max}: give 0 or 64..{lib.CPX_DATA_MAX}")
+        raise _refusal("native_stream_t", "data_max", values)
     return bytes(out)
 
 
 def encode_camera_request(settings: CameraSettings) -> bytes:
     """Data of a CPX_APP packet to CPX_GAP8."""
-    values: dict[str, Any] = {name: getattr(settings, name) for name in CAMERA_RANGES}
-    camera = _fill("native_camera_t", **values | {"encoding": ENCODINGS.get(settings.encoding, 255)})
+    names = list(RANGES["native_camera_t"])
+    values = {name: getattr(settings, name) for name in names}
+    values["encoding"] = ENCODINGS.get(settings.encoding, settings.encoding)
+    camera = _fill("native_camera_t", values)
     place = lib.native_camera_check(camera)
     if place:
-        name = list(CAMERA_RANGES)[place - 1]
-        raise LocalError(f"{name} is {values[name]}: give {CAMERA_RANGES[name]}")
+        raise _refusal("native_camera_t", names[place - 1], values)
     out = ffi.new("uint8_t[]", lib.NATIVE_CAMERA_BYTES)
     lib.native_camera_encode(camera, out)
     return bytes(out)
@@ -81,30 +95,33 @@ def _view(data: bytes, offset: int) -> Any:
     return ffi.new("bytes_t *", (ffi.from_buffer("uint8_t[]", data) + offset, len(data) - offset))[0]
 
 
-def _fill(struct: str, **fields: int) -> Any:
-    """A new struct. LocalError for a value that is wider than its field."""
+def _refusal(struct: str, name: str, values: dict[str, Any]) -> LocalError:
+    return LocalError(f"{name} is {values[name]}: give {RANGES[struct][name]}")
+
+
+def _fill(struct: str, values: dict[str, Any]) -> Any:
+    """A new struct. LocalError for a value that its field cannot hold."""
     made = ffi.new(f"{struct} *")
-    for name, value in fields.items():
+    for name, value in values.items():
         try:
             setattr(made, name, value)
-        except OverflowError as error:
-            raise LocalError(f"{name} is {value}: {error}") from error
+        except (OverflowError, TypeError) as error:
+            raise _refusal(struct, name, values) from error
     return made
 
 
 def _encode_cpx(packet: CpxPacket, encode: Any, data_max: int, frame_max: int) -> bytes:
-    route = packet.route
-    names = Route.__slots__
-    filled = _fill("cpx_route_t", **{name: getattr(route, name) for name in names})
+    values = {name: getattr(packet.route, name) for name in RANGES["cpx_route_t"]}
+    route = _fill("cpx_route_t", values)
     wire = ffi.new("uint8_t[2]")
-    lib.cpx_route_encode(filled, wire)
-    lib.cpx_route_decode(wire, filled)
-    for name in names:
-        if getattr(filled, name) != getattr(route, name):
-            raise LocalError(f"{name} is {getattr(route, name)}: too large for its bits of a CPX route")
+    lib.cpx_route_encode(route, wire)
+    lib.cpx_route_decode(wire, route)
+    for name, value in values.items():
+        if getattr(route, name) != value:  # its bits are fewer than its byte's
+            raise _refusal("cpx_route_t", name, values)
     data = ffi.from_buffer("uint8_t[]", packet.data)
     out = ffi.new("uint8_t[]", frame_max)
-    size = encode(ffi.new("cpx_packet_t *", (filled[0], (data, len(data)))), (out, frame_max))
+    size = encode(ffi.new("cpx_packet_t *", (route[0], (data, len(data)))), (out, frame_max))
     if size == 0:
         raise LocalError(f"{len(data)} bytes of data: at most {data_max} fit")
     return bytes(ffi.buffer(out, size))
@@ -114,6 +131,6 @@ def _decode_cpx(data: bytes, offset: int, decode: Any, what: str) -> tuple[CpxPa
     packet = ffi.new("cpx_packet_t *")
     view = _view(data, offset)
     size = check(decode(view, packet), f"{what} at byte {offset}")
-    route = Route(*(getattr(packet.route, name) for name in Route.__slots__))
+    route = Route(**{name: getattr(packet.route, name) for name in RANGES["cpx_route_t"]})
     body = bytes(ffi.buffer(packet.data.data, packet.data.size)) if packet.data.size else b""
     return CpxPacket(route, body), size

@@ -6,6 +6,7 @@ from construct import (
     Array,
     Check,
     Const,
+    Default,
     GreedyBytes,
     Int8ul,
     Int16ul,
@@ -56,7 +57,9 @@ def message(kind: int, *fields: Any) -> Any:
 
 FRAME = message(
     1,
-    "header_bytes" / Const(100, Int16ul) * "bytes of this message that are described here",
+    "header_bytes"
+    / Default(OneOf(Int16ul, range(100, 65536)), 100)
+    * "bytes of this message, 100 for what is described here; not more than there are",
     "frame" / Int32ul * "+1 for each frame that the camera completed, sent or not; wraps",
     "width" / SIDE * "pixels, 1..1024",
     "height" / SIDE * "pixels, 1..1024",
@@ -85,6 +88,7 @@ FRAME = message(
     "frames_unsent" / Int32ul * "captured and not sent: nobody connected, or given up",
     "spi_errors" / Int32ul * "packets on SPI that made no sense",
     "packets_dropped" / Int32ul * "packets dropped by the GAP8, for want of room",
+    Padding(this.header_bytes - 100) * "fields of later versions, ignored",
     Check(lambda this: raw_size_ok(this, this.encoding, this.body_bytes)),
 )
 

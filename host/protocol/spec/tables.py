@@ -83,7 +83,7 @@ def size_and_type(field: Any) -> tuple[int | str, str]:
         case construct.FormatField():
             return part.sizeof(), f"u{8 * part.sizeof()}"
         case construct.Padded():
-            return part.length, "spare"
+            return part.length if isinstance(part.length, int) else repr(part.length), "spare"
         case construct.Transformed():
             return part.sizeof(), "bits"
         case construct.Array():
