@@ -1,10 +1,10 @@
-/// The simulated world: true time, one oscillator per MCU, wires with byte times and faults, and robots whose three
-/// apps are called exactly as a board calls them (docs/DESIGN.md, "One firmware, four verbs").
+/// The simulated world: true time, one oscillator per MCU, wires with byte times and faults, and robots whose
+/// three apps are called exactly as a board calls them (docs/DESIGN.md, "One firmware, four verbs").
 ///
-/// True time is integer nanoseconds from 0. Events are ordered by (time, order of creation). Everything random
-/// comes from one seed, and every clock and wire has its own stream of it, so that a fault added to one wire
-/// leaves the draws of all others unchanged. The same calls at the same true times give the same bytes.
-/// The kernel allocates memory when robots are added and when traces grow, nowhere else.
+/// True time is integer nanoseconds from 0. Events are ordered by (time, order of creation). Everything
+/// random comes from one seed, and every clock and wire has its own stream of it, so that a fault added to
+/// one wire leaves the draws of all others unchanged. The same calls at the same true times give the same
+/// bytes. The kernel allocates memory when robots are added and when traces grow, nowhere else.
 #ifndef SPINDECK_SIM_KERNEL_H
 #define SPINDECK_SIM_KERNEL_H
 
@@ -17,7 +17,7 @@ typedef struct kernel kernel_t;
 typedef enum { MCU_STM32 = 0, MCU_GAP8 = 1, MCU_ESP32 = 2, MCU_COUNT = 3 } mcu_t;
 
 typedef enum {
-    WIRE_UART1 = 0,         ///< STM32 -> GAP8
+    WIRE_UART1 = 0, ///< STM32 -> GAP8
     WIRE_UART2_TO_ESP32 = 1,
     WIRE_UART2_TO_STM32 = 2,
     WIRE_SPI_TO_ESP32 = 3,
@@ -31,31 +31,31 @@ typedef enum { QUANTUM_1US = 0, QUANTUM_RTC = 1, QUANTUM_1MS = 2 } quantum_t; //
 
 /// Local time is 0 when the MCU boots; then local += integral of (1 + rate) over true time, in integers.
 typedef struct {
-    int64_t boot_ns;         ///< true time at which the MCU starts, >= 0
-    int64_t rate_ppb;        ///< local seconds per true second, less one; within +-20,000,000
-    int64_t ramp_ppb;        ///< warm-up: added to the rate linearly over ramp_ns, then kept
+    int64_t boot_ns;  ///< true time at which the MCU starts, >= 0
+    int64_t rate_ppb; ///< local seconds per true second, less one; within +-20,000,000
+    int64_t ramp_ppb; ///< warm-up: added to the rate linearly over ramp_ns, then kept
     int64_t ramp_ns;
     int64_t walk_ppb;        ///< standard deviation, after one second, of a random walk of the rate
     uint64_t stamp_start_us; ///< first reading of the stamp clock
     uint8_t stamp_bits;      ///< width of the stamp clock: it wraps at 2^bits us; 0 means 64
     uint8_t quantum;         ///< quantum_t of the stamp clock
-    uint8_t divider;         ///< 85: right; 84: counts at 84/85 of its nominal rate, as the released firmware does
+    uint8_t divider; ///< 85: right; 84: counts at 84/85 of its nominal rate, as the released firmware does
 } clock_config_t;
 
-/// A unit is what a wire carries in one go: on a UART a run of back-to-back bytes, on SPI one direction of a window,
-/// on TCP a segment. Zero everywhere is a perfect wire.
+/// A unit is what a wire carries in one go: on a UART a run of back-to-back bytes, on SPI one direction of a
+/// window, on TCP a segment. Zero everywhere is a perfect wire.
 typedef struct {
-    int64_t latency_ns;  ///< added to every unit
-    int64_t jitter_ns;   ///< mean of an exponential delay, drawn per unit, added to the latency
-    double loss;         ///< probability that a unit is lost; on TCP it is sent again after tcp_rto_ns
-    double duplicate;    ///< probability that a unit comes twice (UART and SPI)
-    double reorder;      ///< probability that a unit comes after the next one (UART, units up to 256 bytes)
-    double drop;         ///< probability that a byte is lost (on TCP: damage that its checksum missed)
-    double flip;         ///< probability that one bit of a byte is inverted (likewise)
-    double burst_per_s;  ///< bursts begin this often; every unit that starts within one is lost
-    int64_t burst_ns;    ///< mean of a burst's exponential length
-    double stall_per_s;  ///< the wire stands still this often
-    int64_t stall_ns;    ///< for an exponential time of this mean
+    int64_t latency_ns; ///< added to every unit
+    int64_t jitter_ns;  ///< mean of an exponential delay, drawn per unit, added to the latency
+    double loss;        ///< probability that a unit is lost; on TCP it is sent again after tcp_rto_ns
+    double duplicate;   ///< probability that a unit comes twice (UART and SPI)
+    double reorder;     ///< probability that a unit comes after the next one (UART, units up to 256 bytes)
+    double drop;        ///< probability that a byte is lost (on TCP: damage that its checksum missed)
+    double flip;        ///< probability that one bit of a byte is inverted (likewise)
+    double burst_per_s; ///< bursts begin this often; every unit that starts within one is lost
+    int64_t burst_ns;   ///< mean of a burst's exponential length
+    double stall_per_s; ///< the wire stands still this often
+    int64_t stall_ns;   ///< for an exponential time of this mean
 } wire_faults_t;
 
 /// What the host's port is connected to.
@@ -66,8 +66,8 @@ typedef enum {
 } host_wire_t;
 
 typedef struct {
-    clock_config_t clocks[3];  ///< by mcu_t
-    wire_faults_t wires[7];    ///< by wire_t
+    clock_config_t clocks[3]; ///< by mcu_t
+    wire_faults_t wires[7];   ///< by wire_t
     stm32_config_t stm32;
     gap8_config_t gap8;
     esp32_config_t esp32;
@@ -79,23 +79,25 @@ typedef struct {
     int64_t tcp_byte_ps;         ///< true time
     uint32_t tcp_window_bytes;   ///< most that is under way to the host; at least one segment of 1440
     int64_t tcp_rto_ns;
-    int64_t network_up_ns;       ///< from NETWORK_START to NETWORK_UP
-    int64_t camera_frame_ns;     ///< GAP8 time from capture command to end of frame, less the exposure
-    int64_t camera_jitter_ns;    ///< mean of an exponential delay of the end-of-frame interrupt
-    double camera_fail;          ///< probability that a capture fails
-    double camera_hang;          ///< probability that a capture never ends
-    uint8_t host_wire;           ///< host_wire_t
-    uint32_t host_ring_bytes;    ///< received and not yet read; when full, TCP's window closes, a UART loses bytes
+    int64_t network_up_ns;    ///< from NETWORK_START to NETWORK_UP
+    int64_t camera_frame_ns;  ///< GAP8 time from capture command to end of frame, less the exposure
+    int64_t camera_jitter_ns; ///< mean of an exponential delay of the end-of-frame interrupt
+    double camera_fail;       ///< probability that a capture fails
+    double camera_hang;       ///< probability that a capture never ends
+    uint8_t host_wire;        ///< host_wire_t
+    uint32_t
+        host_ring_bytes; ///< received and not yet read; when full, TCP's window closes, a UART loses bytes
 } robot_config_t;
 
 /// One completed capture.
 typedef struct {
-    int64_t true_ns;          ///< end of frame, before camera_jitter
-    int64_t stm32_stamp_ns;   ///< STM32 stamp clock at true_ns, not quantised; wraps like the clock; INT64_MIN if not up
-    uint64_t gap8_stamp_us;   ///< GAP8 stamp clock as handed to the app: native_frame_t.frame_gap8_us
-    uint32_t frame;           ///< captures completed before this one since the GAP8 booted: native_frame_t.frame
-    uint32_t boot;            ///< how often the GAP8 had been reset
-    uint32_t image;           ///< index of the source image
+    int64_t true_ns;        ///< end of frame, before camera_jitter
+    int64_t stm32_stamp_ns; ///< STM32 stamp clock at true_ns, not quantised; wraps like the clock; INT64_MIN
+                            ///< if not up
+    uint64_t gap8_stamp_us; ///< GAP8 stamp clock as handed to the app: native_frame_t.frame_gap8_us
+    uint32_t frame; ///< captures completed before this one since the GAP8 booted: native_frame_t.frame
+    uint32_t boot;  ///< how often the GAP8 had been reset
+    uint32_t image; ///< index of the source image
     int32_t robot;
 } frame_truth_t;
 
@@ -103,51 +105,57 @@ typedef struct {
 typedef struct {
     int64_t local_start_ns; ///< the sender's
     int64_t true_start_ns;
-    int64_t byte_ps;        ///< the sender's local time (TCP: true time)
-    uint64_t offset;        ///< of its bytes in the trace's data
+    int64_t byte_ps; ///< the sender's local time (TCP: true time)
+    uint64_t offset; ///< of its bytes in the trace's data
     uint32_t length;
     int16_t robot;
-    uint8_t wire;           ///< wire_t
+    uint8_t wire; ///< wire_t
 } trace_run_t;
 
 /// What a wire has carried and what its faults did to it, in units and bytes.
 typedef struct {
-    uint64_t bytes;      ///< sent
+    uint64_t bytes; ///< sent
     uint64_t units;
-    uint64_t lost;       ///< units
+    uint64_t lost; ///< units
     uint64_t duplicated;
     uint64_t reordered;
-    uint64_t dropped;    ///< bytes
-    uint64_t flipped;    ///< bytes
+    uint64_t dropped; ///< bytes
+    uint64_t flipped; ///< bytes
     uint64_t stalls;
     uint64_t overflowed; ///< bytes lost because the host did not read
 } wire_counts_t;
 
 enum { TRACE_OFF = 0, TRACE_HASH = 1, TRACE_FULL = 2 };
-enum { KERNEL_UNTIL = 0, KERNEL_BYTES = 1, KERNEL_ERR_MEMORY = -10, KERNEL_ERR_CONFIG = -11, KERNEL_ERR_TIME = -12 };
+enum {
+    KERNEL_UNTIL = 0,
+    KERNEL_BYTES = 1,
+    KERNEL_ERR_MEMORY = -10,
+    KERNEL_ERR_CONFIG = -11,
+    KERNEL_ERR_TIME = -12
+};
 
 /// NULL when out of memory.
 kernel_t *kernel_new(uint64_t seed);
 void kernel_free(kernel_t *self);
 
-/// Adds a robot whose MCUs boot at their boot_ns (from now on, if that has passed). Returns its number, 0 first, or
-/// KERNEL_ERR_MEMORY, KERNEL_ERR_CONFIG.
+/// Adds a robot whose MCUs boot at their boot_ns (from now on, if that has passed). Returns its number, 0
+/// first, or KERNEL_ERR_MEMORY, KERNEL_ERR_CONFIG.
 int kernel_add_robot(kernel_t *self, const robot_config_t *config);
 
-/// The camera's pictures, taken in turn: `raw` of width * height bytes each, `jpeg` any size. The arrays are copied,
-/// the bytes are not: they must live as long as the kernel.
+/// The camera's pictures, taken in turn: `raw` of width * height bytes each, `jpeg` any size. The arrays are
+/// copied, the bytes are not: they must live as long as the kernel.
 int kernel_set_images(kernel_t *self, int robot, const bytes_t *raw, const bytes_t *jpeg, size_t count);
 
-/// Runs until true time `until_ns` (KERNEL_UNTIL), or until `robot`'s host can read at least `bytes` (KERNEL_BYTES;
-/// robot -1: no such stop). KERNEL_ERR_TIME if until_ns is in the past.
+/// Runs until true time `until_ns` (KERNEL_UNTIL), or until `robot`'s host can read at least `bytes`
+/// (KERNEL_BYTES; robot -1: no such stop). KERNEL_ERR_TIME if until_ns is in the past.
 int kernel_run(kernel_t *self, int64_t until_ns, int robot, size_t bytes);
 
 int64_t kernel_now_ns(const kernel_t *self);
 uint64_t kernel_events(const kernel_t *self); ///< handled so far
 
-/// The host's end of robot's port. connect and disconnect matter on HOST_TCP only; connect waits for the ESP32's
-/// network. read returns how many bytes it moved; write how many were taken (the rest does not fit the wire's
-/// bounded buffer now).
+/// The host's end of robot's port. connect and disconnect matter on HOST_TCP only; connect waits for the
+/// ESP32's network. read returns how many bytes it moved; write how many were taken (the rest does not fit
+/// the wire's bounded buffer now).
 void kernel_host_connect(kernel_t *self, int robot);
 void kernel_host_disconnect(kernel_t *self, int robot);
 bool kernel_host_connected(const kernel_t *self, int robot);
@@ -155,14 +163,17 @@ size_t kernel_host_available(const kernel_t *self, int robot);
 size_t kernel_host_read(kernel_t *self, int robot, uint8_t *out, size_t size);
 size_t kernel_host_write(kernel_t *self, int robot, const uint8_t *in, size_t size);
 
-/// What goes wrong, from now on or at once.
-void kernel_set_faults(kernel_t *self, int robot, wire_t wire, const wire_faults_t *faults);
-void kernel_stall(kernel_t *self, int robot, wire_t wire, int64_t duration_ns);
-void kernel_inject(kernel_t *self, int robot, wire_t wire, const uint8_t *in, size_t size); ///< to the receiver, now
-void kernel_set_rate(kernel_t *self, int robot, mcu_t mcu, int64_t rate_ppb);
-void kernel_reset_stamp_clock(kernel_t *self, int robot, mcu_t mcu, uint64_t to_us);
-void kernel_reboot(kernel_t *self, int robot, mcu_t mcu, int64_t off_ns); ///< off for that long, then from init
-void kernel_set_camera_faults(kernel_t *self, int robot, double fail, double hang);
+/// What goes wrong, from now on or at once. 0, or KERNEL_ERR_CONFIG: no such robot, or a value out of range;
+/// then nothing has changed.
+int kernel_set_faults(kernel_t *self, int robot, wire_t wire, const wire_faults_t *faults);
+int kernel_stall(kernel_t *self, int robot, wire_t wire, int64_t duration_ns);
+int kernel_inject(kernel_t *self, int robot, wire_t wire, const uint8_t *in,
+                  size_t size); ///< to the receiver, now
+int kernel_set_rate(kernel_t *self, int robot, mcu_t mcu, int64_t rate_ppb);
+int kernel_reset_stamp_clock(kernel_t *self, int robot, mcu_t mcu, uint64_t to_us);
+int kernel_reboot(kernel_t *self, int robot, mcu_t mcu,
+                  int64_t off_ns); ///< off for that long, then from init
+int kernel_set_camera_faults(kernel_t *self, int robot, double fail, double hang);
 
 /// Readings and state, for tests and reports. The app pointers stay valid as long as the kernel.
 uint64_t kernel_local_ns(const kernel_t *self, int robot, mcu_t mcu);
@@ -173,14 +184,16 @@ const esp32_t *kernel_esp32(const kernel_t *self, int robot);
 wire_counts_t kernel_wire_counts(const kernel_t *self, int robot, wire_t wire);
 size_t kernel_robot_bytes(const kernel_t *self, int robot); ///< memory that this robot takes
 
-/// Ground truth: the captures completed since the last call, oldest first, at most `count`; bounded at 65536 per
-/// kernel, then the oldest go and kernel_truth_lost counts them.
+/// Ground truth: the captures completed since the last call, oldest first, at most `count`; bounded at 65536
+/// per kernel, then the oldest go and kernel_truth_lost counts them.
 size_t kernel_read_truth(kernel_t *self, frame_truth_t *out, size_t count);
 uint64_t kernel_truth_lost(const kernel_t *self);
 
-/// Traces, off at first. HASH keeps one running 64-bit hash (FNV-1a over run records and bytes) per robot and wire;
-/// FULL keeps runs and bytes too. The pointers are valid until the next kernel_run.
-void kernel_trace(kernel_t *self, int mode);
+/// Traces, off at first. HASH keeps one running 64-bit hash (FNV-1a over run records and bytes) per robot and
+/// wire; FULL keeps runs, in the order in which they ended, and bytes too. Every call starts the trace anew.
+/// Out of memory: kernel_run returns KERNEL_ERR_MEMORY until then. The pointers are valid until the next
+/// kernel_run.
+int kernel_trace(kernel_t *self, int mode);
 uint64_t kernel_trace_hash(const kernel_t *self, int robot, wire_t wire);
 const trace_run_t *kernel_trace_runs(const kernel_t *self, size_t *count);
 const uint8_t *kernel_trace_data(const kernel_t *self, size_t *size);

@@ -1,0 +1,114 @@
+#include "world.h"
+
+#include <string.h>
+
+static size_t asked(kernel_t *k, robot_t *r, mcu_t mcu, mcu_t asker) {
+    bytes_mut_t out = {mcu == MCU_GAP8 ? r->spi.master : r->spi.slave, CPX_LINK_FRAME_MAX};
+    size_t size = node_transmit(k, r, mcu, mcu == MCU_GAP8 ? (int)GAP8_PORT_SPI : (int)ESP32_PORT_SPI, out);
+    if (mcu != asker && r->nodes[mcu].up) {
+        node_set_timer(k, r, mcu); // the asker's is set when it has been polled
+    }
+    return size;
+}
+
+static void trace_unit(kernel_t *k, robot_t *r, wire_t wire, mcu_t sender, bytes_t bytes) {
+    if (k->trace.mode == TRACE_OFF) {
+        return;
+    }
+    trace_begin(&r->traces[wire], &(trace_run_t){.local_start_ns = node_local_ns(k, &r->nodes[sender]),
+                                                 .true_start_ns = k->now_ns,
+                                                 .byte_ps = r->config.spi_byte_ps,
+                                                 .robot = (int16_t)r->index,
+                                                 .wire = (uint8_t)wire});
+    trace_bytes(&k->trace, &r->traces[wire], bytes);
+    trace_end(&k->trace, &r->traces[wire]);
+}
+
+static void window_start(kernel_t *k, robot_t *r) {
+    spi_t *spi = &r->spi;
+    if (spi->master_size == 0) {
+        spi->master_size = CPX_LINK_HEADER_BYTES;
+        memset(spi->master, 0, CPX_LINK_HEADER_BYTES);
+    }
+    spi->under_way = true;
+    trace_unit(k, r, WIRE_SPI_TO_ESP32, MCU_GAP8, (bytes_t){spi->master, spi->master_size});
+    trace_unit(k, r, WIRE_SPI_TO_GAP8, MCU_ESP32, (bytes_t){spi->slave, spi->slave_size});
+    // A delay of either direction holds up the window, so that neither overtakes itself.
+    int64_t there_ns = carrier_delay_ns(&r->carriers[WIRE_SPI_TO_ESP32]);
+    int64_t back_ns = carrier_delay_ns(&r->carriers[WIRE_SPI_TO_GAP8]);
+    int64_t clock_ns = k->now_ns + r->config.spi_gap_ns + (there_ns > back_ns ? there_ns : back_ns);
+    const oscillator_t *master = &r->nodes[MCU_GAP8].oscillator;
+    size_t bytes = cpx_spi_window_bytes(spi->master_size, spi->slave_size);
+    int64_t end_local_ns = oscillator_peek_ns(master, clock_ns) + wire_time_ns(bytes, r->config.spi_byte_ps);
+    robot_at(k, r, SOURCE_SPI, oscillator_when_ns(master, end_local_ns));
+}
+
+void spi_poll(kernel_t *k, robot_t *r, mcu_t asker) {
+    spi_t *spi = &r->spi;
+    if (spi->under_way || !r->nodes[MCU_GAP8].up) {
+        return;
+    }
+    int64_t there_ns = carrier_free_ns(&r->carriers[WIRE_SPI_TO_ESP32], k->now_ns);
+    int64_t back_ns = carrier_free_ns(&r->carriers[WIRE_SPI_TO_GAP8], k->now_ns);
+    int64_t free_ns = there_ns > back_ns ? there_ns : back_ns;
+    if (free_ns > k->now_ns) {
+        robot_at(k, r, SOURCE_SPI, free_ns);
+        return;
+    }
+    if (spi->master_size == 0) {
+        spi->master_size = asked(k, r, MCU_GAP8, asker);
+    }
+    if (spi->slave_size == 0 && (asker == MCU_ESP32 || spi->master_size != 0)) {
+        spi->slave_size = asked(k, r, MCU_ESP32, asker);
+    }
+    if (spi->slave_size > CPX_LINK_HEADER_BYTES || (spi->slave_size != 0 && spi->master_size != 0)) {
+        window_start(k, r);
+    } else {
+        spi->slave_size = 0; // it was ready, and nobody had anything to say
+    }
+}
+
+static void receive(kernel_t *k, robot_t *r, wire_t wire, mcu_t mcu, int port, bytes_mut_t unit) {
+    carrier_t *carrier = &r->carriers[wire];
+    carrier->counts.units++;
+    carrier->counts.bytes += unit.size;
+    if (carrier->faulty) {
+        if (carrier_loses(carrier, k->now_ns)) {
+            return;
+        }
+        unit.size = carrier_damage(carrier, unit.data, unit.size);
+        if (carrier_duplicates(carrier)) {
+            node_receive(k, r, mcu, port, (bytes_t){unit.data, unit.size});
+        }
+    }
+    node_receive(k, r, mcu, port, (bytes_t){unit.data, unit.size});
+}
+
+void spi_due(kernel_t *k, robot_t *r) {
+    spi_t *spi = &r->spi;
+    if (spi->under_way) {
+        spi->under_way = false;
+        bytes_mut_t there = {spi->master, spi->master_size};
+        bytes_mut_t back = {spi->slave, spi->slave_size};
+        spi->master_size = spi->slave_size = 0;
+        receive(k, r, WIRE_SPI_TO_ESP32, MCU_ESP32, ESP32_PORT_SPI, there);
+        receive(k, r, WIRE_SPI_TO_GAP8, MCU_GAP8, GAP8_PORT_SPI, back);
+    }
+    node_poll(k, r, MCU_ESP32);
+    node_poll(k, r, MCU_GAP8);
+}
+
+void spi_off(kernel_t *k, robot_t *r, mcu_t mcu) {
+    spi_t *spi = &r->spi;
+    if (mcu == MCU_STM32) {
+        return;
+    }
+    if (spi->under_way || mcu == MCU_GAP8) {
+        spi->master_size = 0;
+    }
+    if (spi->under_way || mcu == MCU_ESP32) {
+        spi->slave_size = 0;
+    }
+    spi->under_way = false;
+    robot_not(k, r, SOURCE_SPI);
+}
