@@ -7,7 +7,7 @@ time for a simulated one.
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -175,3 +175,49 @@ class Announced:
 
 
 Event = Frame | LostFrame | Stamp | Console | Status | Reply | Packet | Garbage | Announced
+
+
+@dataclass(slots=True)
+class SessionCounters:
+    """Everything that a session has counted since it began. A copy: reading it later gives later figures."""
+
+    bytes: int = 0
+    packets: dict[str, int] = field(default_factory=dict)
+    """By function: system, console, crtp, wifi_ctrl, app, test, bootloader."""
+    frames: int = 0
+    frames_lost: dict[str, int] = field(default_factory=dict)
+    """By cause: a key of LOSS_CAUSES. Each lost frame is in exactly one; only `unexplained` may shrink, when the
+    ESP32's next status explains it."""
+    garbage_bytes: int = 0
+    bad_version: int = 0
+    unknown_function: int = 0
+    stray_packets: int = 0
+    """Pieces of images whose frame is lost already."""
+    bad_messages: int = 0
+    """Native messages that cannot be decoded."""
+    renumbered: int = 0
+    """Native frame numbers jumped, as when the GAP8 restarts: what was lost there is not known."""
+    stamps: int = 0
+    pairs: int = 0
+    pairs_lost: int = 0
+    """By the GAP8 since the first report, or here because no frame came that could carry them."""
+    bad_check: int = 0
+    """Packets (CPX over UART) or stamp messages with a wrong checksum."""
+    bad_length: int = 0
+    """CPX over UART: a length byte out of range."""
+    gaps: int = 0
+    """CPX over UART: packets that stopped half-way."""
+
+
+LOSS_CAUSES = {
+    "cut_short": "stock: the next frame began before this one was complete",
+    "overrun": "a piece reached beyond the size that the header announced",
+    "missing_data": "native: pieces of it, or its header, never came",
+    "bad_crc": "native: all came, and the CRC-32 does not match",
+    "bad_jpeg": "all came, and it does not start and end as a JPEG does",
+    "garbage": "stock: garbage in the middle of it",
+    "disconnected": "the connection ended",
+    "gap8_unsent": "captured and never sent, says the GAP8",
+    "esp32_dropped": "dropped whole because the connection was too slow, says the ESP32",
+    "unexplained": "its number was skipped and nobody has said why",
+}

@@ -1,0 +1,229 @@
+"""One connection without the connection: bytes and times in, events and bytes to send out. No sockets, no clock."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..native import ffi, lib
+from ..protocol.codec import encode_camera_request, encode_cpx_tcp, encode_stream_request
+from ..protocol.errors import LocalError
+from ..protocol.packets import CameraSettings, CpxPacket, Route, StreamRequest
+from . import assemble
+from .dialects import Asking, Dialect, FrameNumbers
+from .records import LOSS_CAUSES, PAIR_DTYPE, Announced, Event, Frame, Garbage, LostFrame, SessionCounters
+
+Framing = Literal["tcp", "cpx-uart", "stamps"]
+
+FRAMINGS = {"tcp": lib.STREAM_TCP, "cpx-uart": lib.STREAM_CPX_UART, "stamps": lib.STREAM_STAMPS}
+SEND_PACKETS = 16
+"""Waiting for the line, at most."""
+PAIRS_KEPT = 8192
+"""Waiting for a frame to carry them, at most: 80 s of them."""
+
+BODY_NEEDED, FRAME, LOST, NATIVE = lib.STREAM_BODY_NEEDED, lib.STREAM_FRAME, lib.STREAM_LOST, lib.STREAM_NATIVE
+
+
+class Session:
+    """Decodes what one robot sends. Its times are those that the caller gives: any clock, as long as it is one."""
+
+    def __init__(self, framing: Framing = "tcp", dialect: Dialect = "auto") -> None:
+        if framing not in FRAMINGS:
+            raise LocalError(f"framing {framing!r}: choose {', '.join(FRAMINGS)}")
+        if dialect not in get_args(Dialect):
+            raise LocalError(f"dialect {dialect!r}: choose {', '.join(get_args(Dialect))}")
+        self.framing = framing
+        self._stream = ffi.new("stream_t *")
+        lib.stream_init(self._stream, FRAMINGS[framing])
+        self._reported = [self._stream.events[i] for i in range(lib.STREAM_EVENTS)]
+        self._closed = self._stream.closed
+        self._body: NDArray[np.uint8] = np.empty(0, np.uint8)
+        self._body_pointer: Any = None
+        self._frames = 0
+        self._lost: Counter[str] = Counter()
+        self._numbers = FrameNumbers()
+        self._asking = Asking("stock" if framing == "stamps" else dialect)
+        self._to_send: deque[CpxPacket] = deque()
+        self._heard_ns: int | None = None
+        self._silent_us = 0
+        self._pairs: list[NDArray[np.void]] = []
+        self._pairs_waiting = 0
+        self._pairs_received = 0
+        self._pairs_lost = 0
+        self._pairs_lost_gap8: tuple[int, int] | None = None
+
+    def receive(self, data: bytes | memoryview, arrival_host_ns: int) -> list[Event]:
+        """The events that these bytes complete, in their order."""
+        events: list[Event] = []
+        stream, size = self._stream, len(data)
+        source = ffi.from_buffer("uint8_t[]", data)
+        while lib.stream_push(stream, source, size, self._silent_us):
+            self._collect(events, arrival_host_ns)
+        self._collect(events, arrival_host_ns)
+        self._heard_ns = arrival_host_ns
+        if self._asking.wanted:
+            self._ask(arrival_host_ns)
+        return events
+
+    def tick(self, now_ns: int) -> None:
+        """Nothing has come until now. Lets requests and credits be repeated, and packets that stopped half-way be
+        given up: call it after each read that timed out."""
+        if self._heard_ns is not None:
+            self._silent_us += max(0, now_ns - self._heard_ns) // 1000
+        self._heard_ns = now_ns
+        self._ask(now_ns)
+
+    def finish(self, arrival_host_ns: int | None = None) -> list[Event]:
+        """The stream has ended: the last events. The session takes no more bytes."""
+        arrival = arrival_host_ns if arrival_host_ns is not None else self._heard_ns or 0
+        events: list[Event] = []
+        while lib.stream_finish(self._stream):
+            self._collect(events, arrival)
+        self._collect(events, arrival)
+        return events
+
+    def request_camera(self, settings: CameraSettings) -> None:
+        """Asks the GAP8 for these settings; a Reply says whether it took them."""
+        self._send(lib.CPX_GAP8, encode_camera_request(settings))
+
+    def data_to_send(self) -> bytes:
+        """What is to be written now, maybe nothing. On CPX over UART that includes credits, in every dialect: they
+        are part of the framing, and a robot without them falls silent."""
+        if self._asking.wanted:
+            self._ask(None)
+        if self.framing == "cpx-uart":
+            return self._uart_to_send()
+        out = b"".join(encode_cpx_tcp(packet) for packet in self._to_send)
+        self._to_send.clear()
+        return out
+
+    @property
+    def counters(self) -> SessionCounters:
+        """What was counted so far."""
+        counters = assemble.counters(self._stream)
+        counters.frames = self._frames
+        lost = self._lost + self._numbers.lost
+        counters.frames_lost = {cause: lost[cause] for cause in LOSS_CAUSES}
+        counters.renumbered = self._numbers.renumbered
+        counters.pairs = self._pairs_received
+        counters.pairs_lost = self._pairs_lost
+        if self._pairs_lost_gap8 is not None:
+            counters.pairs_lost += self._pairs_lost_gap8[1] - self._pairs_lost_gap8[0]
+        return counters
+
+    def _collect(self, events: list[Event], arrival_host_ns: int) -> None:
+        for event in self._reported[: self._stream.event_count]:
+            kind = event.kind
+            if kind == BODY_NEEDED:
+                self._body = np.empty(event.size, np.uint8)
+                self._stream.body = self._body_pointer = ffi.from_buffer("uint8_t[]", self._body)
+            elif kind == FRAME:
+                events.append(self._whole_frame(arrival_host_ns))
+            else:
+                self._collect_other(kind, event, events, arrival_host_ns)
+
+    def _collect_other(self, kind: int, event: Any, events: list[Event], arrival_host_ns: int) -> None:
+        if kind == LOST:
+            events.append(self._lost_frame(assemble.CAUSES[event.cause], arrival_host_ns))
+        elif kind == lib.STREAM_GARBAGE:
+            events.append(Garbage(arrival_host_ns, event.offset, event.size))
+        elif kind == lib.STREAM_STAMP:
+            events.append(assemble.stamp(event, arrival_host_ns))
+        elif kind == lib.STREAM_ANNOUNCED:
+            self._asking.announced()
+            events.append(Announced(arrival_host_ns))
+        else:
+            data = bytes(ffi.buffer(self._stream.data + event.data_at, event.size))
+            if kind == NATIVE:
+                self._native_message(data, events, arrival_host_ns)
+            else:
+                events.append(assemble.packet(event.route, data, arrival_host_ns))
+
+    def _whole_frame(self, arrival_host_ns: int) -> Frame | LostFrame:
+        closed = self._closed
+        native = closed.native
+        if native or closed.type:
+            cause = assemble.fault(closed, self._body)
+            if cause is not None:
+                return self._lost_frame(cause, arrival_host_ns)
+        frame = Frame(
+            self._frames,
+            arrival_host_ns,
+            closed.width,
+            closed.height,
+            closed.depth,
+            assemble.encoding(closed) if closed.type else "raw",
+            self._body,
+        )
+        self._frames += 1
+        if native:
+            frame.native = assemble.native_header(closed.header)
+            frame.pairs = self._take_pairs()
+            self._asking.arrived()
+            self._numbers.came(closed.header.frame, closed.header.frames_unsent, self._stream.headless_frames)
+        return frame
+
+    def _lost_frame(self, cause: str, arrival_host_ns: int) -> LostFrame:
+        closed = self._closed
+        self._lost[cause] += 1
+        if closed.native:
+            self._numbers.failed()
+        return LostFrame(
+            arrival_host_ns,
+            cause,
+            closed.received,
+            closed.size,
+            self._body,
+            closed.header.frame if closed.native else None,
+        )
+
+    def _native_message(self, data: bytes, events: list[Event], arrival_host_ns: int) -> None:
+        if data[1] == lib.NATIVE_STATUS:
+            status = assemble.status(data, arrival_host_ns)
+            self._numbers.esp32_says(status.counters["frames_dropped"])
+            events.append(status)
+        elif data[1] == lib.NATIVE_REPLY:
+            events.append(assemble.reply(data, arrival_host_ns))
+        else:
+            pairs, lost = assemble.pairs(data)
+            self._pairs_lost_gap8 = (lost if self._pairs_lost_gap8 is None else self._pairs_lost_gap8[0], lost)
+            self._pairs_received += len(pairs)
+            self._pairs.append(pairs)
+            self._pairs_waiting += len(pairs)
+            while self._pairs_waiting > PAIRS_KEPT:
+                oldest = len(self._pairs.pop(0))
+                self._pairs_waiting -= oldest
+                self._pairs_lost += oldest
+
+    def _take_pairs(self) -> NDArray[np.void]:
+        taken, self._pairs, self._pairs_waiting = self._pairs, [], 0
+        return np.concatenate(taken) if taken else np.empty(0, PAIR_DTYPE)
+
+    def _ask(self, now_ns: int | None) -> None:
+        if not self._to_send and self._asking.due(now_ns):
+            request = encode_stream_request(StreamRequest(native=True))
+            self._send(lib.CPX_GAP8, request)
+            self._send(lib.CPX_ESP32, request)
+
+    def _send(self, destination: int, data: bytes) -> None:
+        if self.framing == "stamps":
+            raise LocalError("this port only listens to UART1: open the robot's other port to send to it")
+        if len(self._to_send) >= SEND_PACKETS:
+            raise LocalError("requests come faster than the robot takes them: wait for its replies")
+        self._to_send.append(CpxPacket(Route(destination, lib.CPX_HOST, lib.CPX_APP, last_packet=True), data))
+
+    def _uart_to_send(self) -> bytes:
+        out = ffi.new("uint8_t[]", 2 * lib.CPX_UART_FRAME_MAX)
+        if self._to_send and self._uart_takes(self._to_send[0]):
+            self._to_send.popleft()
+        size = lib.stream_transmit(self._stream, out, len(out), self._silent_us)
+        return bytes(ffi.buffer(out, size))
+
+    def _uart_takes(self, packet: CpxPacket) -> bool:
+        data, route = ffi.from_buffer("uint8_t[]", packet.data), packet.route
+        wire = ((route.destination, route.source, route.function, route.version, route.last_packet, route.reserved),)
+        made = ffi.new("cpx_packet_t *", (*wire, (data, len(data))))
+        return bool(lib.cpx_uart_send(ffi.addressof(self._stream.uart), made))

@@ -1,0 +1,251 @@
+#include "frames.h"
+
+#include <string.h>
+
+static void open_frame(stream_t *self, const stream_frame_t *frame) {
+    frames_lose(self, self->open.native ? LOST_MISSING_DATA : LOST_CUT_SHORT);
+    self->open = *frame;
+    self->body = NULL;
+    self->place = 0;
+    self->in_frame = true;
+    self->has_hole = false;
+    self->strays = false;
+    self->has_stray_frame = false;
+}
+
+static void close_frame(stream_t *self) {
+    self->closed = self->open;
+    self->body = NULL;
+    self->in_frame = false;
+}
+
+static void finish_frame(stream_t *self) {
+    close_frame(self);
+    stream_event(self, STREAM_FRAME);
+}
+
+void frames_lose(stream_t *self, uint8_t cause) {
+    if (!self->in_frame) {
+        return;
+    }
+    if (self->body != NULL) {
+        memset(self->body + self->place, 0, self->open.size - self->place);
+    }
+    self->strays = !self->open.native;
+    close_frame(self);
+    stream_event(self, STREAM_LOST)->cause = cause;
+}
+
+static void report_data(stream_t *self, uint8_t kind, const cpx_packet_t *packet, uint64_t offset) {
+    stream_event_t *event = stream_event(self, kind);
+    event->route = packet->route;
+    event->offset = offset;
+    event->size = (uint32_t)packet->data.size;
+    event->data_at = self->data_fill;
+    if (packet->data.size > 0) {
+        memcpy(self->data + self->data_fill, packet->data.data, packet->data.size);
+        self->data_fill += event->size;
+    }
+}
+
+static void stock_header(stream_t *self, const image_stock_t *header, bool announces) {
+    const stream_frame_t frame = {
+        .width = header->width,
+        .height = header->height,
+        .depth = header->depth,
+        .type = header->type,
+        .size = header->size,
+    };
+    open_frame(self, &frame);
+    if (announces && !self->announced) {
+        stream_event(self, STREAM_ANNOUNCED);
+    }
+    self->announced = announces;
+}
+
+static void stock_body(stream_t *self, bytes_t data) {
+    if (data.size > self->open.size - self->place) {
+        frames_lose(self, LOST_OVERRUN);
+        return;
+    }
+    memcpy(self->body + self->place, data.data, data.size);
+    self->place += (uint32_t)data.size;
+    self->open.received = self->place;
+    if (self->place == self->open.size) {
+        finish_frame(self);
+    }
+}
+
+static void native_header(stream_t *self, const native_frame_t *header) {
+    const stream_frame_t frame = {
+        .native = true,
+        .width = header->width,
+        .height = header->height,
+        .depth = header->depth,
+        .type = header->encoding,
+        .size = header->body_bytes,
+        .header = *header,
+    };
+    open_frame(self, &frame);
+    self->announced = false;
+}
+
+/// A piece of a frame whose header has not come, or of one that is closed already.
+static void stray_data(stream_t *self, uint16_t frame_low) {
+    const bool of_last = self->open.native && frame_low == (uint16_t)self->open.header.frame;
+    self->stray_packets++;
+    if (!of_last && !(self->has_stray_frame && frame_low == self->stray_frame_low)) {
+        self->headless_frames++;
+        self->has_stray_frame = true;
+        self->stray_frame_low = frame_low;
+    }
+}
+
+static void native_data(stream_t *self, uint16_t frame_low, uint32_t offset, bytes_t data) {
+    stream_frame_t *open = &self->open;
+    const bool ours = self->in_frame && open->native && frame_low == (uint16_t)open->header.frame;
+    if (!ours) {
+        stray_data(self, frame_low);
+        return;
+    }
+    if (offset < self->place) {
+        self->stray_packets++;
+        return;
+    }
+    if (offset > open->size || data.size > open->size - offset) {
+        frames_lose(self, LOST_OVERRUN);
+        return;
+    }
+    self->has_hole |= offset > self->place;
+    memset(self->body + self->place, 0, offset - self->place);
+    memcpy(self->body + offset, data.data, data.size);
+    open->received += (uint32_t)data.size;
+    self->place = offset + (uint32_t)data.size;
+    if (self->place < open->size) {
+        return;
+    }
+    if (self->has_hole) {
+        frames_lose(self, LOST_MISSING_DATA);
+    } else {
+        finish_frame(self);
+    }
+}
+
+/// A native message that is not part of an image.
+static void native_message(stream_t *self, const cpx_packet_t *packet, uint64_t offset) {
+    native_pair_t pairs[NATIVE_PAIRS_MAX];
+    native_status_t status;
+    native_reply_t reply;
+    size_t count;
+    uint32_t lost;
+    const uint8_t kind = packet->data.data[1];
+    const int result = kind == NATIVE_PAIRS    ? native_pairs_decode(packet->data, pairs, &count, &lost)
+                       : kind == NATIVE_STATUS ? native_status_decode(packet->data, &status)
+                       : kind == NATIVE_REPLY  ? native_reply_decode(packet->data, &reply)
+                                               : ERR_START;
+    self->bad_messages += result < 0 ? 1 : 0;
+    report_data(self, result < 0 ? STREAM_PACKET : STREAM_NATIVE, packet, offset);
+}
+
+static void native_packet(stream_t *self, const cpx_packet_t *packet, uint64_t offset) {
+    native_frame_t header;
+    uint16_t frame_low;
+    uint32_t place;
+    bytes_t body;
+    if (native_data_decode(packet->data, &frame_low, &place, &body) > 0) {
+        native_data(self, frame_low, place, body);
+    } else if (native_frame_decode(packet->data, &header) > 0) {
+        native_header(self, &header);
+    } else {
+        native_message(self, packet, offset);
+    }
+}
+
+/// While a stock body is under way, nothing but its size says which packets belong to it. A packet that would
+/// be its last piece is that; one that is exactly a frame header, stock or native, or a reply, is not of the
+/// body.
+static bool is_stock_body(const stream_t *self, bytes_t data) {
+    image_stock_t stock;
+    native_frame_t native;
+    native_reply_t reply;
+    if (!self->in_frame || self->open.native) {
+        return false;
+    }
+    if (data.size == self->open.size - self->place) {
+        return true;
+    }
+    const bool is_other = data.size == IMAGE_STOCK_BYTES    ? image_stock_decode(data, &stock) > 0
+                          : data.size == NATIVE_FRAME_BYTES ? native_frame_decode(data, &native) > 0
+                          : data.size == NATIVE_REPLY_BYTES ? native_reply_decode(data, &reply) > 0
+                                                            : false;
+    return !is_other;
+}
+
+static bool is_image_route(const cpx_route_t *route) {
+    return route->source == CPX_GAP8 && route->destination == CPX_HOST && route->function == CPX_APP;
+}
+
+static bool is_native(bytes_t data) {
+    return data.size >= 2 && data.data[0] == NATIVE_MAGIC;
+}
+
+void frames_packet(stream_t *self, const cpx_packet_t *packet, uint64_t offset) {
+    const bytes_t data = packet->data;
+    image_stock_t stock;
+    self->packets[packet->route.function % STREAM_FUNCTIONS]++;
+    if (data.size == 0) {
+        return;
+    }
+    if (!is_image_route(&packet->route)) {
+        const bool status = packet->route.function == CPX_APP && is_native(data);
+        if (status) {
+            native_message(self, packet, offset);
+        } else {
+            report_data(self, STREAM_PACKET, packet, offset);
+        }
+    } else if (is_stock_body(self, data)) {
+        stock_body(self, data);
+    } else if (image_stock_decode(data, &stock) > 0) {
+        stock_header(self, &stock, packet->route.reserved);
+    } else if (is_native(data)) {
+        native_packet(self, packet, offset);
+    } else if (self->strays) {
+        self->stray_packets++;
+    } else {
+        report_data(self, STREAM_PACKET, packet, offset);
+    }
+}
+
+static uint32_t line_faults(const cpx_uart_t *uart) {
+    return uart->bad_check + uart->bad_length + uart->garbage_bytes + uart->gaps;
+}
+
+void frames_piece(stream_t *self, const cpx_packet_t *packet, uint64_t offset) {
+    const bytes_t data = packet->data;
+    const bool more = data.size == CPX_DATA_UART_MAX && !packet->route.last_packet;
+    const bool in_stock = self->in_frame && !self->open.native;
+    if (!is_image_route(&packet->route) || in_stock) {
+        frames_packet(self, packet, offset);
+        return;
+    }
+    if (self->joined_fill > 0 && (self->joined_damage != line_faults(&self->uart) ||
+                                  data.size > sizeof self->joined - self->joined_fill)) {
+        // A piece in between was lost. Whether this one starts a packet, its first bytes must say.
+        self->joined_fill = 0;
+        self->stray_packets++;
+    }
+    if (self->joined_fill == 0 && !(more && is_native(data))) {
+        frames_packet(self, packet, offset);
+        return;
+    }
+    if (self->joined_fill == 0) {
+        self->joined_damage = line_faults(&self->uart);
+    }
+    memcpy(self->joined + self->joined_fill, data.data, data.size);
+    self->joined_fill = (uint16_t)(self->joined_fill + data.size);
+    if (!more) {
+        const cpx_packet_t whole = {packet->route, {self->joined, self->joined_fill}};
+        self->joined_fill = 0;
+        frames_packet(self, &whole, offset);
+    }
+}

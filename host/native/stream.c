@@ -1,0 +1,318 @@
+#include "stream.h"
+
+#include "frames.h"
+
+#include <string.h>
+
+enum { LENGTH_BYTES = 2, HEADER_BYTES = CPX_LINK_HEADER_BYTES, CHAIN = 3, NATIVE_START_BYTES = 6 };
+
+typedef enum { GO, MORE, STOP } step_t;
+typedef enum { NO, YES, UNKNOWN } verdict_t;
+
+void stream_init(stream_t *self, uint8_t framing) {
+    memset(self, 0, sizeof *self);
+    self->framing = framing;
+    cpx_uart_init(&self->uart, 0);
+    stamp_rx_init(&self->stamps);
+}
+
+stream_event_t *stream_event(stream_t *self, uint8_t kind) {
+    stream_event_t *event = &self->events[self->event_count++];
+    *event = (stream_event_t){.kind = kind};
+    return event;
+}
+
+static void begin_call(stream_t *self) {
+    self->event_count = 0;
+    self->data_fill = 0;
+}
+
+/// False when the caller must act before another packet is looked at.
+static bool may_go_on(stream_t *self) {
+    if (self->in_frame && self->body == NULL) {
+        if (self->event_count < STREAM_EVENTS) {
+            stream_event(self, STREAM_BODY_NEEDED)->size = self->open.size;
+        }
+        return false;
+    }
+    return self->event_count + STREAM_EVENTS_PER_PACKET < STREAM_EVENTS &&
+           self->data_fill + CPX_DATA_MAX <= STREAM_DATA_BYTES;
+}
+
+static size_t packet_bytes(const uint8_t *header) {
+    return LENGTH_BYTES + (size_t)load16_le(header);
+}
+
+static bool addressed(uint8_t target) {
+    return target >= CPX_STM32 && target <= CPX_GAP8;
+}
+
+static bool plausible(const uint8_t *header, cpx_route_t *route) {
+    const uint16_t length = load16_le(header);
+    cpx_route_decode(header + LENGTH_BYTES, route);
+    return length >= CPX_ROUTE_BYTES && length <= CPX_MTU && addressed(route->source) &&
+           addressed(route->destination);
+}
+
+static bool known_function(uint8_t function) {
+    return (function >= CPX_SYSTEM && function <= CPX_APP) || function == CPX_TEST ||
+           function == CPX_BOOTLOADER;
+}
+
+static bool usual(const cpx_route_t *route) {
+    return route->version == CPX_VERSION && known_function(route->function);
+}
+
+static bool from_camera(const cpx_route_t *route) {
+    return route->source == CPX_GAP8 && route->function == CPX_APP;
+}
+
+/// Is this packet so particular that it needs no others behind it?
+static bool unmistakable(const uint8_t *in, size_t size, const cpx_route_t *route) {
+    image_stock_t header;
+    const bytes_t data = {in + HEADER_BYTES, packet_bytes(in) - HEADER_BYTES};
+    if (!from_camera(route) || size < NATIVE_START_BYTES || data.size < 2) {
+        return false;
+    }
+    if (data.data[0] == NATIVE_MAGIC) {
+        return data.data[1] >= NATIVE_FRAME && data.data[1] <= NATIVE_REPLY;
+    }
+    return size >= HEADER_BYTES + data.size && image_stock_decode(data, &header) > 0;
+}
+
+/// Does a run of packets start here?
+static verdict_t starts(const uint8_t *in, size_t size) {
+    size_t at = 0;
+    for (int i = 0; i < CHAIN; i++) {
+        cpx_route_t route;
+        if (size < at + HEADER_BYTES) {
+            return UNKNOWN;
+        }
+        if (!plausible(in + at, &route) || !usual(&route)) {
+            return NO;
+        }
+        if (i == 0 && unmistakable(in, size, &route)) {
+            return YES;
+        }
+        at += packet_bytes(in + at);
+    }
+    return YES;
+}
+
+static void report_garbage(stream_t *self, uint64_t from, uint64_t to) {
+    stream_event_t *event = stream_event(self, STREAM_GARBAGE);
+    event->offset = from;
+    event->size = (uint32_t)(to - from);
+    self->garbage_bytes += event->size;
+}
+
+static void begin_hunt(stream_t *self, uint8_t cause) {
+    self->hunting = true;
+    self->hunt_from = self->base + self->last;
+    self->garbage_from = self->base + self->at;
+    self->at = self->last + 1;
+    self->last = self->at;
+    if (self->in_frame && !self->open.native) {
+        frames_lose(self, cause);
+    }
+}
+
+static step_t hunt(stream_t *self, bytes_t in, bool ended) {
+    while (self->at < in.size) {
+        const verdict_t verdict = starts(in.data + self->at, in.size - self->at);
+        if (verdict == UNKNOWN && !ended) {
+            return MORE;
+        }
+        const uint64_t here = self->base + self->at;
+        if (verdict == YES) {
+            // Inside the packet before: then it was that one which was wrong.
+            report_garbage(self, here < self->garbage_from ? self->hunt_from : self->garbage_from, here);
+            self->hunting = false;
+            return GO;
+        }
+        self->at++;
+        self->last = self->at;
+        if (here + 1 >= self->garbage_from + STREAM_GARBAGE_MAX) {
+            report_garbage(self, self->garbage_from, here + 1);
+            self->garbage_from = here + 1;
+            return GO;
+        }
+    }
+    return MORE;
+}
+
+/// Judges what lies at self->at.
+static step_t step_tcp(stream_t *self, bytes_t in, bool ended) {
+    if (!may_go_on(self)) {
+        return STOP;
+    }
+    if (self->hunting) {
+        return hunt(self, in, ended);
+    }
+    const uint8_t *here = in.data + self->at;
+    const size_t left = in.size - self->at;
+    cpx_route_t route;
+    cpx_route_t behind;
+    if (left < HEADER_BYTES) {
+        return MORE;
+    }
+    const bool believed = plausible(here, &route);
+    const size_t size = packet_bytes(here);
+    if (believed && !ended && left < size + (usual(&route) ? 0 : HEADER_BYTES)) {
+        return MORE;
+    }
+    if (!believed || left < size ||
+        (!usual(&route) && left >= size + HEADER_BYTES && !plausible(here + size, &behind))) {
+        begin_hunt(self, ended && believed ? LOST_DISCONNECTED : LOST_GARBAGE);
+        return GO;
+    }
+    self->last = self->at;
+    self->at += size;
+    if (route.version != CPX_VERSION) {
+        self->bad_version++;
+    } else if (!known_function(route.function)) {
+        self->unknown_function++;
+    } else {
+        const cpx_packet_t packet = {route, {here + HEADER_BYTES, size - HEADER_BYTES}};
+        frames_packet(self, &packet, self->base + self->last);
+    }
+    return GO;
+}
+
+/// Appends to the window what fits of `in`.
+static void fill_window(stream_t *self, bytes_t in) {
+    const size_t room = STREAM_WINDOW_BYTES - self->window_fill;
+    const size_t taken = in.size < room ? in.size : room;
+    if (taken > 0) {
+        memcpy(self->window + self->window_fill, in.data, taken);
+        self->window_fill += taken;
+    }
+}
+
+/// Everything before `last` is done with. The rest of `in`, which is short, waits in the window.
+static void keep_rest(stream_t *self, bytes_t in) {
+    self->window_fill = in.size - self->last;
+    memmove(self->window, in.data + self->last, self->window_fill);
+    self->base += self->last;
+    self->at -= self->last;
+    self->last = 0;
+    self->window_old = self->window_fill;
+}
+
+static bool push_tcp(stream_t *self, bytes_t in) {
+    if (!self->resuming) {
+        self->in_window = self->window_fill > 0;
+        if (self->in_window) {
+            fill_window(self, in);
+        }
+    }
+    for (;;) {
+        if (self->in_window && self->last >= self->window_old) {
+            // All that still matters is in the caller's bytes too.
+            self->in_window = false;
+            self->last -= self->window_old;
+            self->at -= self->window_old;
+            self->base += self->window_old;
+        }
+        const bytes_t view = self->in_window ? (bytes_t){self->window, self->window_fill} : in;
+        const step_t step = step_tcp(self, view, false);
+        if (step == STOP) {
+            return true;
+        }
+        if (step == MORE) {
+            keep_rest(self, view);
+            return false;
+        }
+    }
+}
+
+/// `total` counts the garbage that ended at `end`. On a noisy line it is reported in lumps.
+static void report_line_garbage(stream_t *self, uint32_t total, uint64_t end, bool now) {
+    const uint32_t bytes = total - self->line_garbage;
+    if (bytes > 0 && (now || bytes >= STREAM_GARBAGE_MAX)) {
+        self->line_garbage = total;
+        report_garbage(self, end - bytes, end);
+    }
+}
+
+static bool push_uart(stream_t *self, bytes_t in, uint64_t now_us) {
+    for (; self->at < in.size; self->at++) {
+        if (!may_go_on(self)) {
+            return true;
+        }
+        cpx_packet_t packet;
+        const bool found = cpx_uart_receive(&self->uart, in.data[self->at], now_us, &packet);
+        const uint64_t start = self->base + self->at + 1 - self->uart.rx_fill;
+        report_line_garbage(self, self->uart.garbage_bytes, start, found);
+        if (found) {
+            frames_piece(self, &packet, start);
+            cpx_uart_accept(&self->uart);
+        }
+    }
+    self->base += in.size;
+    self->at = 0;
+    return false;
+}
+
+static bool push_stamps(stream_t *self, bytes_t in) {
+    for (; self->at < in.size; self->at++) {
+        if (!may_go_on(self)) {
+            return true;
+        }
+        stamp_t stamp;
+        const bool found = stamp_rx(&self->stamps, in.data[self->at], &stamp);
+        const uint64_t start = self->base + self->at + 1 - (found ? STAMP_BYTES : self->stamps.fill);
+        report_line_garbage(self, self->stamps.garbage_bytes, start, found);
+        if (found) {
+            stream_event(self, STREAM_STAMP)->stamp = stamp;
+        }
+    }
+    self->base += in.size;
+    self->at = 0;
+    return false;
+}
+
+bool stream_push(stream_t *self, const uint8_t *in, size_t size, uint64_t now_us) {
+    const bytes_t bytes = {in, size};
+    begin_call(self);
+    if (size == 0) {
+        return false;
+    }
+    if (!self->resuming) {
+        self->bytes += size;
+    }
+    self->resuming = self->framing == STREAM_TCP        ? push_tcp(self, bytes)
+                     : self->framing == STREAM_CPX_UART ? push_uart(self, bytes, now_us)
+                                                        : push_stamps(self, bytes);
+    return self->resuming;
+}
+
+bool stream_finish(stream_t *self) {
+    const bytes_t left = {self->window, self->window_fill};
+    begin_call(self);
+    step_t step = GO;
+    while (step == GO) {
+        step = step_tcp(self, left, true);
+    }
+    if (step == STOP) {
+        return true;
+    }
+    const uint64_t end = self->base + left.size;
+    const uint64_t from = self->hunting ? self->garbage_from : self->base + self->at;
+    if (from < end) {
+        report_garbage(self, from, end);
+    }
+    report_line_garbage(self, self->uart.garbage_bytes + self->uart.rx_fill - self->uart.rx_taken, end, true);
+    report_line_garbage(self, self->stamps.garbage_bytes + self->stamps.fill, end, true);
+    frames_lose(self, LOST_DISCONNECTED);
+    self->window_fill = 0;
+    return false;
+}
+
+size_t stream_transmit(stream_t *self, uint8_t *out, size_t size, uint64_t now_us) {
+    size_t fill = 0;
+    while (fill < size && cpx_uart_transmit(&self->uart, out + fill, now_us) > 0) {
+        fill++;
+    }
+    return fill;
+}
