@@ -1,8 +1,9 @@
 /// The STM32 flight controller's part: a time message 100 times a second, and CPX over UART2.
 ///
 /// The four verbs (docs/DESIGN.md, "One firmware, four verbs"): the board, or the simulator's kernel, moves
-/// bytes between wires and these functions, and nobody else does. After every call of stm32_receive, and when
-/// stm32_deadline has come, it calls stm32_transmit on each idle port, in the order of their numbers.
+/// bytes between wires and these functions, and nobody else does. After every call of stm32_receive, at the
+/// end of every transmission, and when stm32_deadline has come, it calls stm32_transmit on each idle port, in
+/// the order of their numbers.
 #ifndef SPINDECK_STM32_APP_H
 #define SPINDECK_STM32_APP_H
 
