@@ -1,0 +1,317 @@
+"""The image stream's messages, stock and native: a literal for each."""
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from c_memory import POISONS, Bytes, Room, poisoned, seen, untouched
+
+from host.native import ffi, lib
+
+
+@dataclass(frozen=True)
+class Message:
+    name: str  # of the C functions, and with _t of the struct
+    wire: bytes
+    fields: dict[str, int]
+
+
+FRAME_FIELDS = {
+    "frame": 0x04030201,
+    "width": 324,
+    "height": 244,
+    "depth": 1,
+    "encoding": 0,
+    "flags": 0x0103,
+    "body_bytes": 79056,
+    "body_crc32": 0x14131211,
+    "frame_gap8_us": 0x1817161514131211,
+    "frame_stm32_us": 0x2827262524232221,
+    "bound_us": 0x34333231,
+    "epoch": 0x41,
+    "analog_gain": 0x42,
+    "digital_gain": 0x43,
+    "burst": 0x44,
+    "exposure_lines": 0x54535251,
+    "line_time_ns": 0x64636261,
+    "stamp_sequence": 0x74737271,
+    "stamp_age_us": 0x84838281,
+    "stamps_received": 0x91,
+    "stamps_missed": 0x92,
+    "stamps_bad": 0x93,
+    "pairs_lost": 0x94,
+    "captures_failed": 0x95,
+    "captures_late": 0x96,
+    "frames_unsent": 0x97,
+    "spi_errors": 0x98,
+    "packets_dropped": 0x99,
+}
+FRAME_WIRE = bytes.fromhex(
+    "4e 01 64 00 01 02 03 04 44 01 f4 00 01 00 03 01 d0 34 01 00 11 12 13 14"
+    "11 12 13 14 15 16 17 18 21 22 23 24 25 26 27 28 31 32 33 34 41 42 43 44"
+    "51 52 53 54 61 62 63 64 71 72 73 74 81 82 83 84"
+    "91 00 00 00 92 00 00 00 93 00 00 00 94 00 00 00 95 00 00 00 96 00 00 00 97 00 00 00 98 00 00 00 99 00 00 00"
+)
+STATUS_COUNTERS = [
+    "frames_forwarded",
+    "frames_dropped",
+    "frames_cut",
+    "packets_forwarded",
+    "packets_dropped",
+    "packets_unroutable",
+    "uart_bad_check",
+    "uart_bad_length",
+    "uart_garbage_bytes",
+    "uart_gaps",
+    "spi_errors",
+    "tcp_skipped_bytes",
+]
+
+STOCK = Message(
+    "image_stock",
+    bytes.fromhex("bc 44 01 f4 00 01 00 d0 34 01 00"),
+    {"width": 324, "height": 244, "depth": 1, "type": 0, "size": 79056},
+)
+NATIVE = [
+    Message("native_frame", FRAME_WIRE, FRAME_FIELDS),
+    Message(
+        "native_status",
+        bytes.fromhex("4e 04 00 00 01 02 03 04 05 06 07 08")
+        + b"".join(bytes([0x21 + i, 0, 0, 0x31]) for i in range(12)),
+        {"up_us": 0x0807060504030201, **{name: 0x31000021 + i for i, name in enumerate(STATUS_COUNTERS)}},
+    ),
+    Message("native_stream", bytes.fromhex("4e 10 01 00 fc 03"), {"dialect": 1, "data_max": 1020}),
+    Message("native_stream", bytes.fromhex("4e 10 00 00 00 00"), {"dialect": 0, "data_max": 0}),
+    Message(
+        "native_camera",
+        bytes.fromhex("4e 11 01 08 40 03 01 00 fa 00 40 42 0f 00"),
+        {
+            "auto_exposure": 1,
+            "analog_gain": 8,
+            "digital_gain": 64,
+            "burst": 3,
+            "encoding": 1,
+            "exposure_lines": 250,
+            "frame_period_us": 1_000_000,
+        },
+    ),
+    Message("native_reply", bytes.fromhex("4e 05 11 07"), {"request": 17, "status": 7}),
+]
+MESSAGES = [STOCK, *NATIVE]
+
+messages = pytest.mark.parametrize("message", MESSAGES, ids=lambda message: message.name)
+native_messages = pytest.mark.parametrize("message", NATIVE, ids=lambda message: message.name)
+poisons = pytest.mark.parametrize("poison", POISONS)
+
+
+def decoder(message: Message) -> Callable[[bytes, Any], int]:
+    decode = getattr(lib, f"{message.name}_decode")
+    return lambda data, out: int(decode(Bytes(data).view, out))
+
+
+def fields(message: Message, out: Any) -> dict[str, int]:
+    return {name: getattr(out, name) for name in message.fields}
+
+
+@messages
+@poisons
+def test_encode(message: Message, poison: int) -> None:
+    room = Room(len(message.wire) + 1, poison)
+    getattr(lib, f"{message.name}_encode")(ffi.new(f"{message.name}_t *", message.fields), room.memory)
+    assert bytes(room) == message.wire + bytes([poison])
+
+
+@messages
+@poisons
+def test_decode(message: Message, poison: int) -> None:
+    out = poisoned(f"{message.name}_t", poison)
+    assert decoder(message)(message.wire, out) == len(message.wire)
+    assert fields(message, out) == message.fields
+
+
+@native_messages
+def test_native_messages_may_grow(message: Message) -> None:
+    out = ffi.new(f"{message.name}_t *")
+    assert decoder(message)(message.wire + b"\xff" * 30, out) == len(message.wire)
+    assert fields(message, out) == message.fields
+
+
+@messages
+@poisons
+def test_refusals_leave_the_struct_alone(message: Message, poison: int) -> None:
+    out = poisoned(f"{message.name}_t", poison)
+    decode = decoder(message)
+    for size in range(len(message.wire)):
+        assert decode(message.wire[:size], out) == (lib.ERR_LENGTH if message is STOCK else lib.ERR_SHORT), size
+    assert decode(b"\x00" + message.wire[1:], out) == lib.ERR_START
+    if message is STOCK:
+        assert decode(message.wire + b"\x00", out) == lib.ERR_LENGTH
+    else:
+        assert decode(b"\x00", out) == lib.ERR_START
+        assert decode(b"\x4e\x06" + message.wire[2:], out) == lib.ERR_START
+    assert untouched(out, poison)
+
+
+PICTURES = [
+    # width, height, depth, encoding, size, good
+    (1, 1, 1, 0, 1, True),
+    (1024, 1024, 1, 0, 1024 * 1024, True),
+    (512, 512, 4, 0, 1024 * 1024, True),
+    (324, 244, 1, 1, 1, True),
+    (324, 244, 1, 1, 1024 * 1024, True),
+    (0, 244, 1, 1, 1, False),
+    (324, 0, 1, 1, 1, False),
+    (0, 0, 1, 0, 0, False),
+    (1025, 1, 1, 0, 1025, False),
+    (1, 1025, 1, 0, 1025, False),
+    (65535, 65535, 1, 1, 1, False),
+    (324, 244, 0, 1, 1, False),
+    (10, 10, 5, 0, 500, False),
+    (324, 244, 1, 2, 79056, False),
+    (324, 244, 1, 1, 0, False),
+    (324, 244, 1, 1, 1024 * 1024 + 1, False),
+    (324, 244, 1, 0, 79055, False),
+    (324, 244, 1, 0, 79057, False),
+    (1024, 1024, 2, 0, 2 * 1024 * 1024, False),
+]
+
+
+@pytest.mark.parametrize(("width", "height", "depth", "encoding", "size", "good"), PICTURES)
+def test_what_a_picture_can_be(width: int, height: int, depth: int, encoding: int, size: int, good: bool) -> None:
+    geometry = width.to_bytes(2, "little") + height.to_bytes(2, "little") + bytes([depth, encoding])
+    stock = b"\xbc" + geometry + size.to_bytes(4, "little")
+    native = bytearray(FRAME_WIRE)
+    native[8:14] = geometry
+    native[16:20] = size.to_bytes(4, "little")
+    for wire, message in ((stock, STOCK), (bytes(native), NATIVE[0])):
+        out = poisoned(f"{message.name}_t", 0xA5)
+        assert decoder(message)(wire, out) == (len(wire) if good else lib.ERR_VALUE), message.name
+        assert good or untouched(out, 0xA5)
+
+
+@pytest.mark.parametrize(
+    ("stated", "size", "result"),
+    [(100, 100, 100), (101, 101, 101), (120, 130, 120), (99, 130, -3), (0, 100, -3), (101, 100, -3), (65535, 130, -3)],
+)
+def test_native_frame_says_how_long_its_header_is(stated: int, size: int, result: int) -> None:
+    wire = FRAME_WIRE[:2] + stated.to_bytes(2, "little") + FRAME_WIRE[4:] + bytes(30)
+    assert decoder(NATIVE[0])(wire[:size], ffi.new("native_frame_t *")) == result
+    assert lib.ERR_LENGTH == -3
+
+
+@pytest.mark.parametrize(
+    ("dialect", "data_max", "good"),
+    [(0, 0, True), (1, 64, True), (1, 1020, True), (2, 0, False), (255, 64, False), (1, 63, False), (1, 1021, False)],
+)
+def test_native_stream_ranges(dialect: int, data_max: int, good: bool) -> None:
+    wire = b"\x4e\x10" + bytes([dialect, 0]) + data_max.to_bytes(2, "little")
+    out = poisoned("native_stream_t", 0xA5)
+    result = lib.native_stream_decode(Bytes(wire).view, out)
+    assert result == (6 if good else lib.ERR_VALUE)
+    assert good or untouched(out, 0xA5)
+
+
+CAMERA = {
+    "auto_exposure": ((0, 1), (2, 255)),
+    "analog_gain": ((1, 2, 4, 8), (0, 3, 5, 6, 7, 9, 16, 255)),
+    "digital_gain": ((1, 64, 255), (0,)),
+    "burst": ((1, 2, 3), (0, 4, 255)),
+    "encoding": ((0, 1), (2, 255)),
+    "exposure_lines": ((2, 65535), (0, 1)),
+    "frame_period_us": ((0, 1, 10_000_000), (10_000_001, 2**32 - 1)),
+}
+
+
+def test_native_camera_check_names_the_first_field_out_of_range() -> None:
+    good = {name: allowed[0] for name, (allowed, _) in CAMERA.items()}
+    for place, (name, (allowed, refused)) in enumerate(CAMERA.items(), 1):
+        for value in allowed:
+            assert lib.native_camera_check(ffi.new("native_camera_t *", {**good, name: value})) == 0, (name, value)
+        for value in refused:
+            assert lib.native_camera_check(ffi.new("native_camera_t *", {**good, name: value})) == place, (name, value)
+    all_bad = {name: refused[0] for name, (_, refused) in CAMERA.items()}
+    assert lib.native_camera_check(ffi.new("native_camera_t *", all_bad)) == 1
+
+
+def test_native_camera_decode_judges_no_range() -> None:
+    out = ffi.new("native_camera_t *")
+    assert lib.native_camera_decode(Bytes(b"\x4e\x11" + b"\xff" * 12).view, out) == 14
+    assert lib.native_camera_check(out) == 1
+
+
+def test_native_data() -> None:
+    head = ffi.new("uint8_t[8]")
+    lib.native_data_encode_head(0xAABB0102, 0x14131211, head)
+    wire = bytes.fromhex("4e 02 02 01 11 12 13 14")
+    assert bytes(head) == wire
+    frame_low, offset, body = ffi.new("uint16_t *"), ffi.new("uint32_t *"), ffi.new("bytes_t *")
+    data = Bytes(wire + b"pixels")
+    assert lib.native_data_decode(data.view, frame_low, offset, body) == 14
+    assert (frame_low[0], offset[0], seen(body)) == (0x0102, 0x14131211, b"pixels")
+
+
+@poisons
+def test_native_data_refusals(poison: int) -> None:
+    frame_low, offset, body = (poisoned(name, poison) for name in ("uint16_t", "uint32_t", "bytes_t"))
+    wire = bytes.fromhex("4e 02 02 01 11 12 13 14")
+    for size in range(9):  # a piece of a body is never empty
+        assert lib.native_data_decode(Bytes(wire[:size]).view, frame_low, offset, body) == lib.ERR_SHORT
+    assert lib.native_data_decode(Bytes(b"\x4f" + wire[1:] + b"x").view, frame_low, offset, body) == lib.ERR_START
+    assert lib.native_data_decode(Bytes(b"\x4e\x03" + wire[2:] + b"x").view, frame_low, offset, body) == lib.ERR_START
+    assert all(untouched(out, poison) for out in (frame_low, offset, body))
+
+
+PAIRS = [(0x04030201, 0x1817161514131211, 0x2827262524232221, 0x31), (5, 6, 7, 8)]
+PAIRS_WIRE = bytes.fromhex(
+    "4e 03 02 00 41 42 43 44"
+    "01 02 03 04 11 12 13 14 15 16 17 18 21 22 23 24 25 26 27 28 31"
+    "05 00 00 00 06 00 00 00 00 00 00 00 07 00 00 00 00 00 00 00 08"
+)
+
+
+@poisons
+def test_native_pairs_encode(poison: int) -> None:
+    pairs = ffi.new("native_pair_t[]", PAIRS)
+    room = Room(len(PAIRS_WIRE) + 1, poison)
+    assert lib.native_pairs_encode(pairs, 2, 0x44434241, room.view) == len(PAIRS_WIRE)
+    assert bytes(room) == PAIRS_WIRE + bytes([poison])
+    for size in range(len(PAIRS_WIRE)):
+        room = Room(size, poison)
+        assert lib.native_pairs_encode(pairs, 2, 0, room.view) == 0
+        assert bytes(room) == bytes([poison]) * size
+
+
+def test_native_pairs_from_none_to_too_many() -> None:
+    rng = random.Random(5)
+    sent = [(rng.getrandbits(32), rng.getrandbits(64), rng.getrandbits(64), rng.getrandbits(8)) for _ in range(49)]
+    pairs = ffi.new("native_pair_t[]", sent)
+    room = Room(1100)
+    assert lib.native_pairs_encode(pairs, 0, 0, room.view) == 0
+    assert lib.native_pairs_encode(pairs, 49, 0, room.view) == 0
+    assert set(bytes(room)) == {0xA5}
+    assert lib.native_pairs_encode(pairs, 48, 9, room.view) == 1016
+
+    out, count, lost = ffi.new("native_pair_t[48]"), ffi.new("size_t *"), ffi.new("uint32_t *")
+    assert lib.native_pairs_decode(Bytes(bytes(room)[:1016]).view, out, count, lost) == 1016
+    assert (count[0], lost[0]) == (48, 9)
+    assert [(pair.sequence, pair.stm32_us, pair.gap8_us, pair.epoch) for pair in out] == sent[:48]
+
+
+@poisons
+def test_native_pairs_decode(poison: int) -> None:
+    out, count, lost = ffi.new("native_pair_t[48]"), poisoned("size_t", poison), poisoned("uint32_t", poison)
+    ffi.buffer(out)[:] = bytes([poison]) * ffi.sizeof(out)
+    for size in range(len(PAIRS_WIRE)):
+        assert lib.native_pairs_decode(Bytes(PAIRS_WIRE[:size]).view, out, count, lost) == lib.ERR_SHORT, size
+    for stated in (0, 49, 255):
+        wire = PAIRS_WIRE[:2] + bytes([stated]) + PAIRS_WIRE[3:] + bytes(6000)
+        assert lib.native_pairs_decode(Bytes(wire).view, out, count, lost) == lib.ERR_VALUE
+    assert lib.native_pairs_decode(Bytes(b"\x4e\x02" + PAIRS_WIRE[2:]).view, out, count, lost) == lib.ERR_START
+    assert all(set(bytes(ffi.buffer(item))) == {poison} for item in (out, count, lost))
+
+    assert lib.native_pairs_decode(Bytes(PAIRS_WIRE + b"\xff").view, out, count, lost) == len(PAIRS_WIRE)
+    assert (count[0], lost[0]) == (2, 0x44434241)
+    assert [(pair.sequence, pair.stm32_us, pair.gap8_us, pair.epoch) for pair in out[0:2]] == PAIRS
+    assert set(bytes(ffi.buffer(out))[2 * ffi.sizeof("native_pair_t") :]) == {poison}
