@@ -22,9 +22,9 @@ typedef struct {
 } bytes_mut_t;
 
 /// One moment, read on one MCU's two clocks.
-/// `up_us` is the uptime: monotonic, drifting with the crystal, unwrapped by the board. All scheduling uses it.
-/// `stamp_us` is the clock that time-stamps: it may be reset, wrapped, divided by 84 or 85, or coarse. Nothing
-/// is ever scheduled by it, so that a reset of it never disturbs a deadline.
+/// `up_us` is the uptime: monotonic, drifting with the crystal, unwrapped by the board. All scheduling uses
+/// it. `stamp_us` is the clock that time-stamps: it may be reset, wrapped, divided by 84 or 85, or coarse.
+/// Nothing is ever scheduled by it, so that a reset of it never disturbs a deadline.
 typedef struct {
     uint64_t up_us;
     uint64_t stamp_us;
@@ -33,7 +33,9 @@ typedef struct {
 /// What a deadline is when an app waits for nothing.
 #define NEVER_US UINT64_MAX
 
-static inline uint16_t load16_le(const uint8_t in[2]) { return (uint16_t)(in[0] | (uint16_t)(in[1] << 8)); }
+static inline uint16_t load16_le(const uint8_t in[2]) {
+    return (uint16_t)(in[0] | (uint16_t)(in[1] << 8));
+}
 
 static inline uint32_t load32_le(const uint8_t in[4]) {
     return (uint32_t)in[0] | ((uint32_t)in[1] << 8) | ((uint32_t)in[2] << 16) | ((uint32_t)in[3] << 24);

@@ -1,5 +1,6 @@
 /// The three checksums of the robot's wires. Pure; cost is linear in `in.size`; none can fail.
-/// Their tables take 16.5 KiB of constant data: 512 bytes for CRC-16, 16 KiB for CRC-32 (sixteen bytes a step).
+/// Their tables take 16.5 KiB of constant data: 512 bytes for CRC-16, 16 KiB for CRC-32 (sixteen bytes a
+/// step).
 #ifndef SPINDECK_CORE_CHECKS_H
 #define SPINDECK_CORE_CHECKS_H
 

@@ -1,4 +1,5 @@
-/// The native STM32 -> GAP8 time message: 17 bytes, 100 a second over UART1 at 115200 Bd (1.48 ms on the wire).
+/// The native STM32 -> GAP8 time message: 17 bytes, 100 a second over UART1 at 115200 Bd (1.48 ms on the
+/// wire).
 ///
 /// D5 2A | u32 sequence | u64 STM32 stamp clock, us | u8 epoch | u16 CRC-16/CCITT-FALSE of bytes 2..14.
 /// The clock is read at the instant when the first byte starts to leave. `epoch` counts resets of the stamp
@@ -26,8 +27,8 @@ void stamp_encode(const stamp_t *stamp, uint8_t out[17]);
 /// STAMP_BYTES, or ERR_SHORT, ERR_START, ERR_CHECK. `*stamp` is untouched on error.
 int stamp_decode(bytes_t in, stamp_t *stamp);
 
-/// Messages out of a byte stream. After a bad CRC the search goes on inside the bytes already read, so that one
-/// false start never costs the message behind it.
+/// Messages out of a byte stream. After a bad CRC the search goes on inside the bytes already read, so that
+/// one false start never costs the message behind it.
 typedef struct {
     uint8_t rx[STAMP_BYTES];
     uint8_t fill;

@@ -203,7 +203,7 @@ def test_native_frame_says_how_long_its_header_is(stated: int, size: int, result
 
 @pytest.mark.parametrize(
     ("dialect", "data_max", "good"),
-    [(0, 0, True), (1, 64, True), (1, 1020, True), (2, 0, False), (255, 64, False), (1, 63, False), (1, 1021, False)],
+    [(0, 0, True), (1, 100, True), (1, 1020, True), (2, 0, False), (255, 100, False), (1, 99, False), (1, 1021, False)],
 )
 def test_native_stream_ranges(dialect: int, data_max: int, good: bool) -> None:
     wire = b"\x4e\x10" + bytes([dialect, 0]) + data_max.to_bytes(2, "little")
