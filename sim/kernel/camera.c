@@ -8,7 +8,6 @@ void camera_poll(kernel_t *k, robot_t *r) {
     }
     // A command while a capture is under way takes its place: the app has given the old one up.
     camera_t *camera = &r->camera;
-    camera->capturing = true;
     camera->ended = false;
     camera->jpeg = command[1] == IMAGE_JPEG;
     bool hangs = random_chance(&camera->random, camera->hang);
@@ -20,8 +19,8 @@ void camera_poll(kernel_t *k, robot_t *r) {
     }
     node_t *node = &r->nodes[MCU_GAP8];
     int64_t exposure_ns = (int64_t)load16_le(command + 6) * r->config.gap8.line_time_ns;
-    int64_t end_ns = node_local_ns(k, node) + r->config.camera_frame_ns + exposure_ns;
-    robot_at(k, r, SOURCE_CAMERA, oscillator_when_ns(&node->oscillator, end_ns));
+    camera->end_local_ns = node_local_ns(k, node) + r->config.camera_frame_ns + exposure_ns;
+    robot_at(k, r, SOURCE_CAMERA, oscillator_when_ns(&node->oscillator, camera->end_local_ns));
 }
 
 static void frame_end(kernel_t *k, robot_t *r) {
@@ -47,6 +46,12 @@ static void record_truth(kernel_t *k, const frame_truth_t *truth) {
 
 void camera_due(kernel_t *k, robot_t *r) {
     camera_t *camera = &r->camera;
+    node_t *gap8 = &r->nodes[MCU_GAP8];
+    if (!camera->ended &&
+        node_local_ns(k, gap8) < camera->end_local_ns) { // further off than the oscillator looks
+        robot_at(k, r, SOURCE_CAMERA, oscillator_when_ns(&gap8->oscillator, camera->end_local_ns));
+        return;
+    }
     if (!camera->ended) {
         frame_end(k, r);
         int64_t jitter_ns = random_exponential(&camera->random, r->config.camera_jitter_ns);
@@ -55,10 +60,8 @@ void camera_due(kernel_t *k, robot_t *r) {
             return;
         }
     }
-    camera->capturing = false;
     bytes_t body = {NULL, 0};
     if (!camera->failed) {
-        node_t *gap8 = &r->nodes[MCU_GAP8];
         camera->truth.gap8_stamp_us = node_instant(k, gap8).stamp_us;
         camera->truth.frame = camera->completed++;
         camera->truth.boot = gap8->boots - 1;
@@ -72,7 +75,7 @@ void camera_due(kernel_t *k, robot_t *r) {
 }
 
 void camera_off(kernel_t *k, robot_t *r) {
-    r->camera.capturing = r->camera.ended = false;
+    r->camera.ended = false;
     r->camera.completed = 0;
     robot_not(k, r, SOURCE_CAMERA);
 }

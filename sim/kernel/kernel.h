@@ -45,7 +45,7 @@ typedef struct {
 /// A unit is what a wire carries in one go: on a UART a run of back-to-back bytes, on SPI one direction of a
 /// window, on TCP a segment. Zero everywhere is a perfect wire.
 typedef struct {
-    int64_t latency_ns; ///< added to every unit
+    int64_t latency_ns; ///< added to every unit; on SPI the larger of both directions holds up the window
     int64_t jitter_ns;  ///< mean of an exponential delay, drawn per unit, added to the latency
     double loss;        ///< probability that a unit is lost; on TCP it is sent again after tcp_rto_ns
     double duplicate;   ///< probability that a unit comes twice (UART and SPI)
@@ -122,7 +122,7 @@ typedef struct {
     uint64_t dropped; ///< bytes
     uint64_t flipped; ///< bytes
     uint64_t stalls;
-    uint64_t overflowed; ///< bytes lost because the host did not read
+    uint64_t overflowed; ///< bytes lost because the host did not read, or too many were delayed on a UART
 } wire_counts_t;
 
 enum { TRACE_OFF = 0, TRACE_HASH = 1, TRACE_FULL = 2 };
@@ -155,7 +155,8 @@ uint64_t kernel_events(const kernel_t *self); ///< handled so far
 
 /// The host's end of robot's port. connect and disconnect matter on HOST_TCP only; connect waits for the
 /// ESP32's network. read returns how many bytes it moved; write how many were taken (the rest does not fit
-/// the wire's bounded buffer now).
+/// the wire's bounded buffer now, or nobody is connected and nobody waits to be). On HOST_UART1 what is
+/// written goes nowhere and counts as taken. A connection that the robot ends is over: connect again.
 void kernel_host_connect(kernel_t *self, int robot);
 void kernel_host_disconnect(kernel_t *self, int robot);
 bool kernel_host_connected(const kernel_t *self, int robot);
@@ -164,15 +165,14 @@ size_t kernel_host_read(kernel_t *self, int robot, uint8_t *out, size_t size);
 size_t kernel_host_write(kernel_t *self, int robot, const uint8_t *in, size_t size);
 
 /// What goes wrong, from now on or at once. 0, or KERNEL_ERR_CONFIG: no such robot, or a value out of range;
-/// then nothing has changed.
+/// then nothing has changed. An injected unit reaches the receiver now; a reboot is off_ns without power,
+/// then init.
 int kernel_set_faults(kernel_t *self, int robot, wire_t wire, const wire_faults_t *faults);
 int kernel_stall(kernel_t *self, int robot, wire_t wire, int64_t duration_ns);
-int kernel_inject(kernel_t *self, int robot, wire_t wire, const uint8_t *in,
-                  size_t size); ///< to the receiver, now
+int kernel_inject(kernel_t *self, int robot, wire_t wire, const uint8_t *in, size_t size);
 int kernel_set_rate(kernel_t *self, int robot, mcu_t mcu, int64_t rate_ppb);
 int kernel_reset_stamp_clock(kernel_t *self, int robot, mcu_t mcu, uint64_t to_us);
-int kernel_reboot(kernel_t *self, int robot, mcu_t mcu,
-                  int64_t off_ns); ///< off for that long, then from init
+int kernel_reboot(kernel_t *self, int robot, mcu_t mcu, int64_t off_ns);
 int kernel_set_camera_faults(kernel_t *self, int robot, double fail, double hang);
 
 /// Readings and state, for tests and reports. The app pointers stay valid as long as the kernel.

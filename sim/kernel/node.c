@@ -66,9 +66,8 @@ void node_poll(kernel_t *k, robot_t *r, mcu_t mcu) {
 
 static void boot(kernel_t *k, robot_t *r, mcu_t mcu) {
     node_t *node = &r->nodes[mcu];
-    if (node->boots++ != 0) {
-        oscillator_restart(&node->oscillator, k->now_ns);
-    }
+    node->boots++;
+    oscillator_restart(&node->oscillator, k->now_ns);
     stamp_clock_init(&node->stamp, &r->config.clocks[mcu]);
     node->read_ns = -1;
     node->deadline_us = NEVER_US;
@@ -102,5 +101,7 @@ void node_off(kernel_t *k, robot_t *r, mcu_t mcu, int64_t off_ns) {
     } else if (mcu == MCU_ESP32) {
         network_off(k, r);
     }
-    robot_at(k, r, SOURCE_TIMER + mcu, k->now_ns + off_ns);
+    int64_t boot_ns = k->now_ns + off_ns;
+    int64_t origin_ns = r->nodes[mcu].oscillator.anchor_ns; // in the future if it has not been powered up yet
+    robot_at(k, r, SOURCE_TIMER + mcu, boot_ns > origin_ns ? boot_ns : origin_ns);
 }

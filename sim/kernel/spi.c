@@ -37,10 +37,11 @@ static void window_start(kernel_t *k, robot_t *r) {
     int64_t there_ns = carrier_delay_ns(&r->carriers[WIRE_SPI_TO_ESP32]);
     int64_t back_ns = carrier_delay_ns(&r->carriers[WIRE_SPI_TO_GAP8]);
     int64_t clock_ns = k->now_ns + r->config.spi_gap_ns + (there_ns > back_ns ? there_ns : back_ns);
-    const oscillator_t *master = &r->nodes[MCU_GAP8].oscillator;
+    oscillator_t ahead = r->nodes[MCU_GAP8].oscillator;
+    int64_t clock_local_ns = oscillator_local_ns(&ahead, clock_ns);
     size_t bytes = cpx_spi_window_bytes(spi->master_size, spi->slave_size);
-    int64_t end_local_ns = oscillator_peek_ns(master, clock_ns) + wire_time_ns(bytes, r->config.spi_byte_ps);
-    robot_at(k, r, SOURCE_SPI, oscillator_when_ns(master, end_local_ns));
+    robot_at(k, r, SOURCE_SPI,
+             oscillator_when_ns(&ahead, clock_local_ns + wire_time_ns(bytes, r->config.spi_byte_ps)));
 }
 
 void spi_poll(kernel_t *k, robot_t *r, mcu_t asker) {

@@ -124,8 +124,8 @@ typedef struct {
 enum { TO_HOST = 0, TO_ESP32 = 1 };
 
 typedef struct {
-    bool capturing;
-    bool ended; ///< at end of frame; its interrupt is to come
+    int64_t end_local_ns; ///< of the capture under way, GAP8
+    bool ended;           ///< at end of frame; its interrupt is to come
     bool failed;
     bool jpeg;
     uint32_t completed; ///< since the GAP8 booted
