@@ -32,9 +32,9 @@ def test_stamp() -> None:
 def test_requests() -> None:
     assert codec.encode_stream_request(StreamRequest(True, 200)) == native.STREAM.build({"dialect": 1, "data_max": 200})
     assert codec.encode_stream_request(StreamRequest(False)) == native.STREAM.build({"dialect": 0, "data_max": 0})
-    given = {"auto_exposure": False, "analog_gain": 8, "digital_gain": 255, "burst": 3, "exposure_lines": 2}
-    made = codec.encode_camera_request(CameraSettings(**given, encoding="jpeg", frame_period_us=10_000_000))
-    assert made == native.CAMERA.build(given | {"encoding": 1, "frame_period_us": 10_000_000})
+    settings = CameraSettings(False, 8, 255, 3, "jpeg", exposure_lines=2, frame_period_us=10_000_000)
+    given = {"auto_exposure": 0, "analog_gain": 8, "digital_gain": 255, "burst": 3, "encoding": 1, "exposure_lines": 2}
+    assert codec.encode_camera_request(settings) == native.CAMERA.build(given | {"frame_period_us": 10_000_000})
 
 
 def test_settings_nobody_has_changed_are_in_range() -> None:

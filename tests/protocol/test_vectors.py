@@ -17,7 +17,7 @@ def route(source: int, destination: int, function: int, last_packet: bool = Fals
     return ends | {"version": 0, "last_packet": last_packet, "reserved": False}
 
 
-LITERAL = [
+LITERAL: list[tuple[str, dict[str, Any], str]] = [
     # STM32 to ESP32: connect as access point.
     ("CPX over UART", {"route": route(1, 2, 4), "data": b"\x20\x01"}, "ff 04 0a 04 20 01 d4"),
     # ESP32 to STM32: a host has connected.

@@ -1,13 +1,13 @@
 """The three checksums, by crcmod and by definition."""
 
-from functools import reduce
-from operator import xor
-
 import crcmod.predefined
 
 
 def xor8(data: bytes) -> int:
-    return reduce(xor, data, 0)
+    check = 0
+    for byte in data:
+        check ^= byte
+    return check
 
 
 def crc16(data: bytes) -> int:

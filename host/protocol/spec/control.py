@@ -6,8 +6,8 @@ from .values import Value
 
 WIFI_COMMANDS = (
     Value(0x10, "WIFI_SET_SSID", "to ESP32: name of the network, 1 to 32 bytes, no NUL"),
-    Value(0x11, "WIFI_SET_KEY", "to ESP32: key, no NUL; empty: open network; 1..7 bytes are refused"),
-    Value(0x20, "WIFI_CONNECT", "to ESP32: u8, 0 station, else access point"),
+    Value(0x11, "WIFI_SET_KEY", "to ESP32: key, 8 to 64 bytes, no NUL; none: open network"),
+    Value(0x20, "WIFI_CONNECT", "to ESP32, after the other two: u8, 0 station, else access point"),
     Value(0x31, "WIFI_CONNECTED", "ESP32 to GAP8 and STM32: four bytes of IPv4, first number first; station only"),
     Value(0x32, "WIFI_CLIENT_CONNECTED", "ESP32 to GAP8 and STM32: u8, 1 a host has connected, 0 it has gone"),
 )
