@@ -50,6 +50,14 @@ class Scenario:
             check_robot(robot)
         return cls(name, general.seed, general.robot, general.pace, robots, resolved)
 
+    def changed(self, overrides: Mapping[str, object]) -> Scenario:
+        """With these keys set anew."""
+        if not overrides:
+            return self
+        return Scenario.of(
+            self.name, {**self.values, **{find(key).name: checked(find(key), each) for key, each in overrides.items()}}
+        )
+
 
 def names() -> list[str]:
     """The built-in scenarios."""
@@ -73,8 +81,8 @@ def load(name: str = "hover", **overrides: object) -> Scenario:
     values = parse_toml(source, name)
     if name.endswith(".toml") and "camera_path" in values:
         values["camera_path"] = _beside(Path(name), values["camera_path"])
-    for key, value in overrides.items():
-        values[find(key).name] = checked(find(key), value)
+    # Together: what is impossible in the file alone may be possible with what is set anew.
+    values |= {find(key).name: checked(find(key), value) for key, value in overrides.items()}
     return Scenario.of(name, values)
 
 

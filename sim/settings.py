@@ -44,7 +44,7 @@ class Clock:
     ramp_s: float = number(60, 0, 3600, "s", "length of the warm-up")
     walk_ppb: int = number(0, 0, 1_000_000, "ppb", "standard deviation, after 1 s, of the rate's random walk")
     boot_ms: float = number(0, 0, 600_000, "ms", "when the MCU starts")
-    stamp_start_us: int = number(0, 0, 2**64 - 1, "us", "first reading of the stamp clock, below 2^stamp_bits")
+    stamp_start_us: int = number(0, 0, 2**52, "us", "first reading of the stamp clock, below 2^stamp_bits")
     stamp_bits: Literal[32, 48, 64] = choice(64, "width of the stamp clock: where it wraps", "bits")
     quantum: Literal["1us", "rtc", "1ms"] = choice("1us", "step of the stamp clock; rtc is 1/32768 s")
 

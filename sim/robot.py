@@ -1,0 +1,241 @@
+"""One simulated robot: its host's end of the wire, its counters, and what can go wrong with it."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import TYPE_CHECKING, Any
+
+from host.native import ffi, lib
+from host.protocol.errors import LocalError
+
+from . import configure, scenario
+from .settings import RobotSettings, Scalar, Wire
+
+if TYPE_CHECKING:
+    from .world import World
+
+NS = 1_000_000_000
+MCUS = {"stm32": lib.MCU_STM32, "gap8": lib.MCU_GAP8, "esp32": lib.MCU_ESP32}
+UART2_COUNTERS = [
+    *["uart2.packets_in", "uart2.packets_out", "uart2.credits_in", "uart2.credits_repeated", "uart2.bad_check"],
+    *["uart2.bad_length", "uart2.bad_version", "uart2.garbage_bytes", "uart2.gaps"],
+]
+COUNTERS = {
+    "stm32": ["stamps_sent", "stamps_late", "packets_dropped", "packets_unknown", *UART2_COUNTERS],
+    "gap8": [
+        *["frame", "frames_sent", "frames_unsent", "captures_failed", "captures_late"],
+        *["stamp_rx.received", "stamp_rx.bad_check", "stamp_rx.garbage_bytes", "stamps_missed", "pairs_lost"],
+        *["spi_errors", "packets_dropped", "packets_unknown", "requests_refused"],
+    ],
+    "esp32": [
+        *["frames_forwarded", "frames_dropped", "frames_cut", "packets_forwarded", "packets_dropped"],
+        *["packets_unroutable", "packets_unsent", "spi_errors", "wifi_refused", "gap8_resets", *UART2_COUNTERS],
+        *["tcp_rx.packets_in", "tcp_rx.skipped_bytes"],
+    ],
+}
+"""The apps' counters by the names in their structs; a dot becomes an underscore."""
+WIRE_COUNTERS = ["bytes", "units", "lost", "duplicated", "reordered", "dropped", "flipped", "stalls", "overflowed"]
+FAULTS = {field.name for field in dataclasses.fields(Wire)} | {"duplicate", "reorder"}
+DURATION_S_MAX = 3600
+INJECT_BYTES_MAX = 65536
+
+
+class Robot:
+    """Of a World; `world.robots` holds them."""
+
+    def __init__(self, world: World, index: int, settings: RobotSettings) -> None:
+        self.world = world
+        self.index = index
+        self.settings = settings
+        self._wires: dict[int, Wire] = {}
+        """Those that set_faults has changed."""
+
+    # The host's end of the wire.
+
+    def connect(self) -> None:
+        """On TCP: as soon as the robot's network is up. On a UART the host is always there."""
+        with self.world.lock:
+            self.world.did("connect", robot=self.index)
+            lib.kernel_host_connect(self.world.kernel, self.index)
+
+    def disconnect(self) -> None:
+        with self.world.lock:
+            self.world.did("disconnect", robot=self.index)
+            lib.kernel_host_disconnect(self.world.kernel, self.index)
+
+    @property
+    def connected(self) -> bool:
+        with self.world.lock:
+            return bool(lib.kernel_host_connected(self.world.kernel, self.index))
+
+    @property
+    def available(self) -> int:
+        """Bytes that can be read now."""
+        with self.world.lock:
+            return int(lib.kernel_host_available(self.world.kernel, self.index))
+
+    def read(self, size: int | None = None) -> bytes:
+        """At most `size` of the bytes that are there now. No time passes."""
+        with self.world.lock:
+            available = self.available
+            out = bytearray(available if size is None else min(size, available))
+            if not out:
+                return b""
+            count = lib.kernel_host_read(self.world.kernel, self.index, ffi.from_buffer("uint8_t[]", out), len(out))
+            self.world.did_read(self.index, available, count)
+            return bytes(out[:count])
+
+    def write(self, data: bytes) -> int:
+        """Returns how many bytes were taken: all, unless far more are waiting for the wire than a robot should get."""
+        with self.world.lock:
+            count = int(lib.kernel_host_write(self.world.kernel, self.index, data, len(data)))
+            if count:
+                self.world.did("write", robot=self.index, hex=data[:count].hex())
+            return count
+
+    # What its parts have counted.
+
+    @property
+    def stm32(self) -> dict[str, int]:
+        """Counters since the STM32's last boot, by their names in firmware/stm32/app.h."""
+        with self.world.lock:
+            return _counters(lib.kernel_stm32(self.world.kernel, self.index), COUNTERS["stm32"])
+
+    @property
+    def gap8(self) -> dict[str, int]:
+        """Likewise, firmware/gap8/app.h."""
+        with self.world.lock:
+            return _counters(lib.kernel_gap8(self.world.kernel, self.index), COUNTERS["gap8"])
+
+    @property
+    def esp32(self) -> dict[str, int]:
+        """Likewise, firmware/esp32/app.h."""
+        with self.world.lock:
+            return _counters(lib.kernel_esp32(self.world.kernel, self.index), COUNTERS["esp32"])
+
+    @property
+    def wires(self) -> dict[str, dict[str, int]]:
+        """What each direction of each wire has carried, and what its faults did to it (wire_counts_t)."""
+        with self.world.lock:
+            return {
+                name: _counters(lib.kernel_wire_counts(self.world.kernel, self.index, wires[0]), WIRE_COUNTERS)
+                for name, wires in configure.WIRES.items()
+                if len(wires) == 1
+            }
+
+    def stamp_us(self, mcu: str) -> int:
+        """Reading of that MCU's stamp clock now."""
+        with self.world.lock:
+            return int(lib.kernel_stamp_us(self.world.kernel, self.index, _mcu(mcu)))
+
+    # What goes wrong, from now on or at once. Each is logged.
+
+    def set_faults(self, wire: str, **faults: Scalar) -> None:
+        """Sets some faults of a wire by their scenario keys, `set_faults("uart1", loss=0.5)`; the rest stay.
+
+        The name of a link ("tcp") means both directions, "tcp_to_host" one.
+        """
+        wires = _wires(wire)
+        link = wire.partition("_to_")[0]
+        values: dict[str, Any] = {}
+        for key, value in faults.items():
+            setting = scenario.find(f"{link}_{key}")
+            if setting.field not in FAULTS:
+                raise LocalError(f"{setting.name} is no fault: it is set before the world starts")
+            values[key] = scenario.checked(setting, value)
+        with self.world.lock:
+            self.world.did("set_faults", robot=self.index, wire=wire, **values)
+            for each in wires:
+                self._wires[each] = dataclasses.replace(self._wires.get(each, getattr(self.settings, link)), **values)
+                config = ffi.new("wire_faults_t *", configure.faults(self._wires[each]))
+                lib.kernel_set_faults(self.world.kernel, self.index, each, config)
+
+    def set_camera_faults(self, fail: float = 0.0, hang: float = 0.0) -> None:
+        """Probabilities that a capture fails, or never ends."""
+        for key, value in (("camera_fail", fail), ("camera_hang", hang)):
+            scenario.checked(scenario.find(key), value)
+        with self.world.lock:
+            self.world.did("set_camera_faults", robot=self.index, fail=fail, hang=hang)
+            lib.kernel_set_camera_faults(self.world.kernel, self.index, fail, hang)
+
+    def stall(self, wire: str, seconds: float) -> None:
+        """The wire stands still for so long; nothing on it is lost."""
+        wires = _wires(wire)
+        duration_ns = _duration_ns(seconds)
+        with self.world.lock:
+            self.world.did("stall", robot=self.index, wire=wire, seconds=seconds)
+            for each in wires:
+                lib.kernel_stall(self.world.kernel, self.index, each, duration_ns)
+
+    def inject(self, wire: str, data: bytes) -> None:
+        """Gives the receiver bytes that nobody has sent, now. On a link ("tcp"): in the direction of the host."""
+        (each, *_) = _wires(wire)
+        if len(data) > INJECT_BYTES_MAX:
+            raise LocalError(f"inject: {len(data)} bytes, at most {INJECT_BYTES_MAX} at once")
+        with self.world.lock:
+            self.world.did("inject", robot=self.index, wire=wire, hex=data.hex())
+            lib.kernel_inject(self.world.kernel, self.index, each, data, len(data))
+
+    def set_rate(self, mcu: str, ppm: float) -> None:
+        """The MCU's oscillator runs at this rate error from now on."""
+        which = _mcu(mcu)
+        scenario.checked(scenario.find(f"{mcu}_ppm"), ppm)
+        with self.world.lock:
+            self.world.did("set_rate", robot=self.index, mcu=mcu, ppm=ppm)
+            lib.kernel_set_rate(self.world.kernel, self.index, which, configure.rate_ppb(ppm))
+
+    def reset_stamp_clock(self, mcu: str, to_us: int = 0) -> None:
+        """As `usec.reset` does on the STM32. Deadlines are not touched: they use the uptime."""
+        which = _mcu(mcu)
+        scenario.checked(scenario.find(f"{mcu}_stamp_start_us"), to_us)
+        with self.world.lock:
+            self.world.did("reset_stamp_clock", robot=self.index, mcu=mcu, to_us=to_us)
+            lib.kernel_reset_stamp_clock(self.world.kernel, self.index, which, to_us)
+
+    def reboot(self, mcu: str, off_seconds: float = 0.0) -> None:
+        """Off at once, for so long, and then from its start."""
+        which = _mcu(mcu)
+        off_ns = _duration_ns(off_seconds)
+        with self.world.lock:
+            self.world.did("reboot", robot=self.index, mcu=mcu, off_seconds=off_seconds)
+            lib.kernel_reboot(self.world.kernel, self.index, which, off_ns)
+
+    def repeat(self, do: str, arguments: dict[str, Any]) -> None:
+        """Does again what a log says was done."""
+        if do not in DONE:
+            raise LocalError(f"this log says {do!r} was done, which is nothing that can be done to a robot")
+        if "hex" in arguments:
+            arguments = {**arguments, "data": bytes.fromhex(arguments["hex"])}
+            del arguments["hex"]
+        getattr(self, do)(**arguments)
+
+
+DONE = {
+    *["connect", "disconnect", "write", "set_faults", "set_camera_faults"],
+    *["stall", "inject", "set_rate", "reset_stamp_clock", "reboot"],
+}
+"""Methods that a log may name."""
+
+
+def _counters(struct: Any, names: list[str]) -> dict[str, int]:
+    return {name.replace(".", "_"): int(functools.reduce(getattr, name.split("."), struct)) for name in names}
+
+
+def _mcu(name: str) -> int:
+    if name not in MCUS:
+        raise LocalError(f"no MCU {name!r}{scenario.near(name, list(MCUS))}; there are {', '.join(MCUS)}")
+    return int(MCUS[name])
+
+
+def _wires(name: str) -> tuple[int, ...]:
+    if name not in configure.WIRES:
+        known = list(configure.WIRES)
+        raise LocalError(f"no wire {name!r}{scenario.near(name, known)}; there are {', '.join(known)}")
+    return configure.WIRES[name]
+
+
+def _duration_ns(seconds: float) -> int:
+    if not 0 <= seconds <= DURATION_S_MAX:
+        raise LocalError(f"seconds={seconds}: allowed is 0 .. {DURATION_S_MAX}")
+    return round(seconds * NS)

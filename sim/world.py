@@ -1,0 +1,283 @@
+"""A simulated world and its robots, as Python sees them: run it, read and write, let things go wrong, know the truth.
+
+Everything that comes from outside, from a connection to a fault, is logged with its true time; World.replay makes
+the same run from the log.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections import deque
+from collections.abc import Iterable
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from host.native import ffi, lib
+from host.protocol.errors import LocalError
+
+from . import camera, configure, scenario
+from .journal import Journal, Record
+from .robot import Robot
+from .settings import RobotSettings
+from .truth import TRUTH_DTYPE
+
+NS = 1_000_000_000
+SLICE_NS = NS // 10
+"""The kernel is called for at most this much, so that Ctrl-C and other threads get their turn."""
+TRUTH_MAX = 1 << 20
+"""Captures remembered; the oldest go first."""
+TRUTH_BATCH = 4096
+REPLAY_STEP_BYTES = 16384
+END = 1 << 62
+"""Of a log: after everything else."""
+
+Trace = Literal["off", "hash", "full"]
+TRACES = {"off": lib.TRACE_OFF, "hash": lib.TRACE_HASH, "full": lib.TRACE_FULL}
+
+
+@functools.lru_cache(maxsize=4)
+def _scene(width: int, height: int, seed: int, quality: int) -> camera.Pictures:
+    return camera.scene(width, height, seed, quality)
+
+
+class World:
+    """Robots under one true time. Not for several threads, unless `lock` is a lock."""
+
+    def __init__(
+        self,
+        source: str | scenario.Scenario = "hover",
+        *,
+        trace: Trace = "off",
+        lock: AbstractContextManager[Any] | None = None,
+        **overrides: object,
+    ) -> None:
+        """A scenario, or its name and keys that override it. LocalError if it is impossible."""
+        source = scenario.load(source, **overrides) if isinstance(source, str) else source.changed(overrides)
+        if trace not in TRACES:
+            raise LocalError(f"trace={trace}: allowed is {' | '.join(TRACES)}")
+        self.scenario = source
+        self.trace = trace
+        self.lock = nullcontext() if lock is None else lock
+        self.truth_lost = 0
+        """Captures that `truth` has forgotten."""
+        self._truth: deque[NDArray[np.void]] = deque()
+        self._truth_next_ns = 0
+        self._pictures: dict[tuple[str | int, ...], tuple[camera.Pictures, list[Any]]] = {}
+        self._buffers: list[Any] = []
+        kernel = lib.kernel_new(source.seed)
+        if kernel == ffi.NULL:
+            raise MemoryError
+        self._kernel: Any = ffi.gc(kernel, lib.kernel_free)
+        lib.kernel_trace(kernel, TRACES[trace])
+        self.robots = tuple(self._add(index, settings) for index, settings in enumerate(source.robots))
+        self._journal = Journal([configure.unread_bytes_max(robot.settings) for robot in self.robots])
+        self._closed_log: list[Record] | None = None
+
+    def _add(self, index: int, settings: RobotSettings) -> Robot:
+        pictures, views = self._load_pictures(settings) if settings.camera.fps else (None, [])
+        if pictures is not None:
+            own = dataclasses.replace(settings.camera, width=pictures.width, height=pictures.height)
+            settings = dataclasses.replace(settings, camera=own)
+            scenario.check_robot(settings)
+        result = lib.kernel_add_robot(self._kernel, configure.robot_config(settings))
+        if result == lib.KERNEL_ERR_MEMORY:
+            raise MemoryError
+        if result != index:
+            raise LocalError(f"robot {index}: the simulator refuses this scenario: {settings}")
+        if pictures is not None:
+            result = lib.kernel_set_images(self._kernel, index, *views, len(pictures.raw))
+            if result < 0:
+                raise MemoryError
+        return Robot(self, index, settings)
+
+    def _load_pictures(self, settings: RobotSettings) -> tuple[camera.Pictures, list[Any]]:
+        """With the arrays of views that the kernel copies; robots with the same pictures share them."""
+        own = settings.camera
+        key: tuple[str | int, ...]
+        key = (settings.camera_path, own.quality) if settings.camera_path else (own.width, own.height, own.quality)
+        if key not in self._pictures:
+            if settings.camera_path:
+                pictures = camera.load(settings.camera_path, own.quality)
+            else:
+                pictures = _scene(own.width, own.height, self.scenario.seed, own.quality)
+            views = []
+            for bodies in (pictures.raw, pictures.jpeg):
+                buffers = [ffi.from_buffer("uint8_t[]", body) for body in bodies]
+                # The kernel keeps their addresses: they must live as long as it.
+                self._buffers += buffers
+                views.append(ffi.new("bytes_t[]", [{"data": each, "size": len(each)} for each in buffers]))
+            self._pictures[key] = (pictures, views)
+        return self._pictures[key]
+
+    @property
+    def kernel(self) -> Any:
+        """kernel_t *; LocalError after close."""
+        if self._kernel is None:
+            raise LocalError("this world is closed")
+        return self._kernel
+
+    @property
+    def now_ns(self) -> int:
+        """True time."""
+        with self.lock:
+            return int(lib.kernel_now_ns(self.kernel))
+
+    @property
+    def seconds(self) -> float:
+        """True time."""
+        return self.now_ns / NS
+
+    def run(self, seconds: float) -> None:
+        """Lets this much true time pass."""
+        if not (math.isfinite(seconds) and seconds >= 0):
+            raise LocalError(f"seconds={seconds}: allowed is 0 and more")
+        self.run_until(self.now_ns + round(seconds * NS))
+
+    def run_until(self, true_ns: int, robot: int = -1, size: int = 1) -> bool:
+        """Runs until then, or until that robot's host can read `size` bytes; True if that came first."""
+        while True:
+            with self.lock:
+                now_ns = self.now_ns
+                result = lib.kernel_run(self.kernel, min(true_ns, max(now_ns, now_ns + SLICE_NS)), robot, size)
+                self._keep_truth()
+            if result == lib.KERNEL_BYTES:
+                return True
+            if result == lib.KERNEL_ERR_TIME:
+                raise LocalError(f"true time {true_ns} ns has passed: it is {now_ns} ns")
+            if result != lib.KERNEL_UNTIL:
+                raise MemoryError(f"kernel_run: {result}")
+            if now_ns + SLICE_NS >= true_ns:
+                return False
+
+    def _keep_truth(self, now: bool = False) -> None:
+        """Takes the captures out of the kernel, which remembers few, about once a second."""
+        if not now and lib.kernel_now_ns(self.kernel) < self._truth_next_ns:
+            return
+        self._truth_next_ns = lib.kernel_now_ns(self.kernel) + NS
+        while True:
+            batch = np.empty(TRUTH_BATCH, TRUTH_DTYPE)
+            count = lib.kernel_read_truth(
+                self.kernel, ffi.from_buffer("frame_truth_t[]", batch, require_writable=True), len(batch)
+            )
+            if count:
+                self._truth.append(batch[:count].copy())
+            if count < len(batch):
+                break
+        while sum(map(len, self._truth)) > TRUTH_MAX:
+            self.truth_lost += len(self._truth.popleft())
+
+    @property
+    def truth(self) -> NDArray[np.void]:
+        """Every completed capture of every robot, dtype TRUTH_DTYPE, oldest first, at most TRUTH_MAX."""
+        with self.lock:
+            if self._kernel is not None:
+                self._keep_truth(now=True)
+            whole = np.concatenate([np.empty(0, TRUTH_DTYPE), *self._truth])
+            self._truth = deque([whole])
+            return whole
+
+    def trace_hash(self) -> int:
+        """Of all that every sender of every robot has sent; equal runs have equal hashes."""
+        if self.trace == "off":
+            raise LocalError("this world keeps no trace: make it with World(..., trace='hash')")
+        with self.lock:
+            hashes = [
+                int(lib.kernel_trace_hash(self.kernel, robot.index, wire))
+                for robot in self.robots
+                for wire in range(lib.WIRE_COUNT)
+            ]
+        return functools.reduce(lambda whole, each: (whole * 0x100000001B3 ^ each) % 2**64, hashes, len(hashes))
+
+    def did(self, do: str, **arguments: Any) -> None:
+        """Logs what is done to this world now; the robots call it."""
+        self._journal.add(self.now_ns, do, **arguments)
+
+    def did_read(self, robot: int, available: int, size: int) -> None:
+        """Likewise, for what their hosts read."""
+        self._journal.read(self.now_ns, robot, available, size)
+
+    @property
+    def log(self) -> list[Record]:
+        """The scenario, all that was done from outside, and the present time: JSON-able, for World.replay."""
+        with self.lock:
+            if self._closed_log is not None:
+                return self._closed_log
+            available = [robot.available for robot in self.robots]
+            first = {
+                "t": 0,
+                "n": 0,
+                "do": "world",
+                "scenario": self.scenario.name,
+                "values": dict(self.scenario.values),
+                "trace": self.trace,
+            }
+            return [first, *self._journal.records(available), {"t": self.now_ns, "n": END, "do": "end"}]
+
+    @classmethod
+    def replay(cls, log: Iterable[Record]) -> World:
+        """The world of `log` at its end, run anew."""
+        records = list(log)
+        if not records or records[0].get("do") != "world":
+            raise LocalError("a log begins with its world: give World.log as it was")
+        world = cls(scenario.Scenario.of(records[0]["scenario"], records[0]["values"]), trace=records[0]["trace"])
+        world._repeat(records[1:])
+        return world
+
+    def _repeat(self, records: list[Record]) -> None:
+        steps: list[tuple[int, int, Record]] = []
+        for record in records:
+            if record["do"] != "reads":
+                steps.append((record["t"], record["n"], record))
+                continue
+            robot = record["robot"]
+            steps.append((record["t"], record["n"], {"do": "hold", "robot": robot}))
+            for place, (t, n, size) in enumerate(record["reads"]):
+                last = record["all"] and place == len(record["reads"]) - 1
+                steps.append((t, n, {"do": "read", "robot": robot, "size": size, "last": last}))
+        held: set[int] = set()
+        for t, _, record in sorted(steps, key=lambda step: step[:2]):
+            self._read_along(t, held)
+            arguments = {key: value for key, value in record.items() if key not in ("t", "n", "do", "robot")}
+            robot = self.robots[record.get("robot", 0)]
+            if record["do"] == "hold":
+                robot.read()
+                held.add(robot.index)
+            elif record["do"] == "read":
+                robot.read(record["size"])
+                if record["last"]:
+                    held.discard(robot.index)
+            elif record["do"] != "end":
+                robot.repeat(record["do"], arguments)
+
+    def _read_along(self, until_ns: int, held: set[int]) -> None:
+        """Runs until then, reading so often that no host but the held ones holds up its robot."""
+        free = [robot for robot in self.robots if robot.index not in held]
+        # A host gets at most what the wire carries: as many steps as it takes to stay far from the limit.
+        step_ns = min((round(REPLAY_STEP_BYTES * NS / robot.settings.tcp.bytes_per_s) for robot in free), default=NS)
+        while self.now_ns < until_ns:
+            self.run_until(min(until_ns, self.now_ns + max(step_ns, 1000)))
+            for robot in free:
+                robot.read()
+
+    def close(self) -> None:
+        """Frees the kernel; truth and log stay readable. May be called again."""
+        if self._kernel is None:
+            return
+        with self.lock:
+            self._keep_truth(now=True)
+            self._closed_log = self.log
+            ffi.release(self._kernel)
+            self._kernel = None
+            self._pictures.clear()
+            self._buffers.clear()
+
+    def __enter__(self) -> World:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
