@@ -22,6 +22,7 @@ from host.protocol.errors import LocalError
 
 from . import camera, configure, scenario
 from .journal import Journal, Record
+from .receiver import Dialect, Receiver
 from .robot import Robot
 from .settings import RobotSettings
 from .truth import TRUTH_DTYPE
@@ -29,6 +30,8 @@ from .truth import TRUTH_DTYPE
 NS = 1_000_000_000
 SLICE_NS = NS // 10
 """The kernel is called for at most this much, so that Ctrl-C and other threads get their turn."""
+LISTEN_NS = NS // 200
+"""Receivers read this often."""
 TRUTH_MAX = 1 << 20
 """Captures remembered; the oldest go first."""
 TRUTH_BATCH = 4096
@@ -76,6 +79,7 @@ class World:
         lib.kernel_trace(kernel, TRACES[trace])
         self.robots = tuple(self._add(index, settings) for index, settings in enumerate(source.robots))
         self._journal = Journal([configure.unread_bytes_max(robot.settings) for robot in self.robots])
+        self._receivers: list[Receiver] = []
         self._closed_log: list[Record] | None = None
 
     def _add(self, index: int, settings: RobotSettings) -> Robot:
@@ -136,7 +140,17 @@ class World:
         """Lets this much true time pass."""
         if not (math.isfinite(seconds) and seconds >= 0):
             raise LocalError(f"seconds={seconds}: allowed is 0 and more")
-        self.run_until(self.now_ns + round(seconds * NS))
+        end_ns = self.now_ns + round(seconds * NS)
+        while self._receivers and self.now_ns < end_ns:
+            self.run_until(min(end_ns, self.now_ns + LISTEN_NS))
+            for receiver in self._receivers:
+                receiver.poll()
+        self.run_until(end_ns)
+
+    def listen(self, robot: int = 0, dialect: Dialect = "native") -> Receiver:
+        """That robot with a host that reads and decodes whenever run() lets time pass."""
+        self._receivers.append(Receiver(self, robot, dialect))
+        return self._receivers[-1]
 
     def run_until(self, true_ns: int, robot: int = -1, size: int = 1) -> bool:
         """Runs until then, or until that robot's host can read `size` bytes; True if that came first."""
