@@ -1,0 +1,90 @@
+"""Time-stamped frames from nano drones: `for frame in host.open("sim://hover"): …`.
+
+Nothing is loaded before it is used, so that `import host` and `host --help` stay quick.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .link.ports import Stream
+    from .link.ports import open_stream as open  # noqa: A004 - host.open is the name that users know
+    from .link.records import (
+        LOSS_CAUSES,
+        Announced,
+        Console,
+        Frame,
+        Garbage,
+        LostFrame,
+        NativeHeader,
+        Packet,
+        Reply,
+        SessionCounters,
+        Stamp,
+        Status,
+    )
+    from .link.session import Session
+    from .protocol.errors import LocalError, PeerError, SpindeckError
+    from .protocol.packets import CameraSettings
+
+_HOME = {
+    "open": ("link.ports", "open_stream"),
+    "Stream": ("link.ports", "Stream"),
+    "Session": ("link.session", "Session"),
+    "CameraSettings": ("protocol.packets", "CameraSettings"),
+    **{name: ("protocol.errors", name) for name in ("LocalError", "PeerError", "SpindeckError")},
+    **{
+        name: ("link.records", name)
+        for name in (
+            "LOSS_CAUSES",
+            "Announced",
+            "Console",
+            "Frame",
+            "Garbage",
+            "LostFrame",
+            "NativeHeader",
+            "Packet",
+            "Reply",
+            "SessionCounters",
+            "Stamp",
+            "Status",
+        )
+    },
+}
+
+__all__ = [
+    "LOSS_CAUSES",
+    "Announced",
+    "CameraSettings",
+    "Console",
+    "Frame",
+    "Garbage",
+    "LocalError",
+    "LostFrame",
+    "NativeHeader",
+    "Packet",
+    "PeerError",
+    "Reply",
+    "Session",
+    "SessionCounters",
+    "SpindeckError",
+    "Stamp",
+    "Status",
+    "Stream",
+    "open",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'host' has no attribute {name!r}")
+    module, inside = _HOME[name]
+    value = getattr(importlib.import_module(f".{module}", __name__), inside)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -96,9 +96,16 @@ class Session:
             self._ask(None)
         if self.framing == "cpx-uart":
             return self._uart_to_send()
+        if not self._to_send:
+            return b""
         out = b"".join(encode_cpx_tcp(packet) for packet in self._to_send)
         self._to_send.clear()
         return out
+
+    @property
+    def bytes_received(self) -> int:
+        """counters.bytes, at less cost."""
+        return int(self._stream.bytes)
 
     @property
     def counters(self) -> SessionCounters:

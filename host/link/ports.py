@@ -1,0 +1,347 @@
+"""Where bytes come from: the only I/O and the only wall clock of this package. A port reads and writes; a Stream is a
+port and a session, and what `host.open` returns.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol, cast
+from urllib.parse import quote, urlsplit
+
+from ..protocol.errors import LocalError, PeerError
+from ..protocol.packets import CameraSettings
+from .dialects import Dialect
+from .records import Event, Frame, LostFrame, SessionCounters, Stamp
+from .session import FRAMINGS, Framing, Session
+
+POLL_S = 0.1
+"""A read waits this long at most, so that Ctrl-C, close() and repeated requests are never held up."""
+CONNECT_S = 5.0
+RECEIVE_BYTES = 1 << 18
+TCP_PORT = 5000
+ALIVE = (Frame, LostFrame, Stamp)
+"""What a robot is there for: without any of these it is called silent, whatever else it sends."""
+BAUD: dict[str, int] = {"cpx-uart": 576_000, "stamps": 115_200, "tcp": 576_000}
+
+
+class Port(Protocol):
+    """One open connection."""
+
+    url: str
+    framing: Framing
+    world: Any
+    """The simulated world behind it, or None."""
+    robot: Any
+    """Which robot of that world."""
+    ended: str
+    """Why the last read said that it was the end."""
+
+    def read(self) -> bytes | memoryview | None:
+        """What has come: valid until the next read. None: nothing for POLL_S. Empty: nothing ever will again."""
+
+    def write(self, data: bytes) -> None:
+        """Sends, or keeps what the line does not take now until the next call."""
+
+    def clock_ns(self) -> int:
+        """Monotonic; of a simulated port its true time."""
+
+    def close(self) -> None:
+        """At once, and for good."""
+
+
+class SocketPort:
+    """The robot's TCP server. Reads go into one buffer that is used again: no allocation, and it stays in the cache."""
+
+    world = None
+    robot = None
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self.framing: Framing = "tcp"
+        self.ended = ""
+        self._socket = connect(url)
+        self._buffer = memoryview(bytearray(RECEIVE_BYTES))
+        self._unsent = b""
+
+    def read(self) -> memoryview | None:
+        try:
+            size = self._socket.recv_into(self._buffer)
+        except TimeoutError:
+            return None
+        except OSError as error:
+            self.ended = f"the connection broke: {error.strerror}"
+            return self._buffer[:0]
+        if not size:
+            self.ended = "closed by the robot"
+        return self._buffer[:size]
+
+    def write(self, data: bytes) -> None:
+        self._unsent += data
+        try:
+            self._unsent = self._unsent[self._socket.send(self._unsent) :]
+        except TimeoutError:
+            return
+        except OSError:
+            # A broken connection is the next read's news, behind what has come before it broke.
+            self._unsent = b""
+
+    def clock_ns(self) -> int:
+        return time.monotonic_ns()
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class SerialPort:
+    """Whatever pyserial opens, simulated robots included."""
+
+    def __init__(self, url: str, port: Any, framing: Framing) -> None:
+        self.url = url
+        self.framing = framing
+        self.ended = ""
+        self.world = getattr(port, "world", None)
+        self.robot = getattr(port, "robot", None)
+        self.clock_ns: Callable[[], int] = getattr(port, "clock_ns", time.monotonic_ns)
+        self._port = port
+        self._unsent = b""
+
+    def read(self) -> bytes | None:
+        from serial import SerialException
+
+        try:
+            data: bytes = self._port.read(1)
+            waiting = self._port.in_waiting if data else 0
+            if waiting:
+                data += self._port.read(waiting)
+        except (SerialException, OSError) as error:
+            self.ended = str(error)
+            return b""
+        return data or None
+
+    def write(self, data: bytes) -> None:
+        from serial import SerialException, SerialTimeoutException
+
+        self._unsent += data
+        try:
+            sent = self._port.write(self._unsent)
+            self._unsent = self._unsent[len(self._unsent) if sent is None else sent :]
+        except SerialTimeoutException:
+            return
+        except (SerialException, OSError):
+            # As on a socket: the next read says so.
+            self._unsent = b""
+
+    def close(self) -> None:
+        self._port.close()
+
+
+def connect(url: str) -> socket.socket:
+    """A TCP connection to what a socket:// URL names."""
+    try:
+        parts = urlsplit(url)
+        address = (parts.hostname or "", parts.port or TCP_PORT)
+    except ValueError as error:
+        raise LocalError(f"{url}: {error}; write socket://ADDRESS:PORT") from error
+    if not address[0] or parts.path not in ("", "/") or parts.query:
+        raise LocalError(f"{url}: write socket://ADDRESS:PORT")
+    try:
+        made = socket.create_connection(address, timeout=CONNECT_S)
+    except ConnectionRefusedError as error:
+        raise LocalError(
+            f"{url}: connection refused: something is at {address[0]}, and nothing listens on port {address[1]}. "
+            "Is the AI-deck's Wi-Fi firmware running?"
+        ) from error
+    except socket.gaierror as error:
+        raise LocalError(f"{url}: no such address: {error.strerror}") from error
+    except (TimeoutError, OSError) as error:
+        raise LocalError(
+            f"{url}: {address[0]} cannot be reached ({error.strerror or error}). "
+            "Is the robot on, and is this computer in its Wi-Fi network?"
+        ) from error
+    made.settimeout(POLL_S)
+    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return made
+
+
+def open_port(url: str, baud: int | None = None, framing: str | None = None, camera: str | None = None) -> Port:
+    """Opens any pyserial URL, or socket://ADDRESS:PORT with our own reading. LocalError says why it cannot be.
+
+    What the bytes are follows from the port: TCP's framing on socket://, CPX over UART on serial ports, what a
+    simulated port says of itself; `framing` overrides. `camera` is for the simulator: pictures for it to see.
+    """
+    if framing is not None and framing not in FRAMINGS:
+        raise LocalError(f"framing {framing!r}: choose {', '.join(FRAMINGS)}")
+    scheme = url.partition("://")[0].lower() if "://" in url else ""
+    if camera is not None:
+        if scheme != "sim":
+            raise LocalError(f"{url}: only a simulated robot (sim://…) can be given pictures to see")
+        url += f"{'&' if '?' in url else '?'}camera_path={quote(camera, safe='/')}"
+    if scheme == "socket":
+        port = SocketPort(url)
+        port.framing = cast(Framing, framing or "tcp")
+        return port
+    chosen = framing or "cpx-uart"
+    opened = open_serial(url, scheme, baud or BAUD[chosen])
+    own = getattr(opened, "framing", None)
+    if own is not None and framing is not None and own != framing:
+        opened.close()
+        raise LocalError(f"{url} carries {own}, not {framing}: leave the framing out")
+    return SerialPort(url, opened, cast(Framing, own or chosen))
+
+
+def open_serial(url: str, scheme: str, baud: int) -> Any:
+    """Through pyserial, with errors that say what to do."""
+    import serial
+
+    if "sim.serial" not in serial.protocol_handler_packages:
+        serial.protocol_handler_packages.append("sim.serial")
+    # Two readers on one device would each get half of the bytes.
+    alone = {} if scheme or sys.platform == "win32" else {"exclusive": True}
+    try:
+        return serial.serial_for_url(url, baudrate=baud, timeout=POLL_S, write_timeout=POLL_S, **alone)
+    except serial.SerialException as error:
+        raise LocalError(f"{url}: {reason(error, url)}") from error
+    except OSError as error:
+        raise LocalError(f"{url}: {error.strerror or error}") from error
+    except ValueError as error:
+        if "not known" not in str(error):
+            raise LocalError(f"{url}: {error}") from error
+        if scheme == "sim":
+            raise LocalError(
+                f"{url}: the simulator cannot be loaded; this says why: python -c 'import sim.serial.protocol_sim'"
+            ) from error
+        raise LocalError(
+            f"{url}: {scheme}:// is not known. Use socket://ADDRESS:PORT, sim://SCENARIO, rfc2217://ADDRESS:PORT, "
+            "or a serial device such as /dev/ttyUSB0 or COM3"
+        ) from error
+
+
+def reason(error: Exception, url: str) -> str:
+    """Why a serial port cannot be opened, and what to do."""
+    number, text = getattr(error, "errno", None), str(error)
+    if number == errno.ENOENT or "FileNotFoundError" in text:
+        return "there is no such device. Is it plugged in?"
+    if number == errno.EACCES or "PermissionError" in text:
+        return (
+            "no permission. On Linux: sudo usermod -aG dialout $USER, then log in again; "
+            "on Windows another program may have it open"
+        )
+    if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
+        return f"busy: another program has it open ('fuser {url}' says which)"
+    return text
+
+
+class Stream:
+    """A robot's frames: iterate over it, or over events() for everything. Close it, or use it in a `with`."""
+
+    def __init__(self, port: Port, session: Session, timeout: float | None) -> None:
+        self.port = port
+        self._session = session
+        self._timeout_ns = None if timeout is None else int(timeout * 1e9)
+        self._alive_ns: int | None = None
+        self._alive_bytes = 0
+        self._reading = threading.Lock()
+        self._closed = False
+
+    def __enter__(self) -> Stream:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Complete frames, as they come, until the connection ends. PeerError when none comes for `timeout`."""
+        for event in self.events():
+            if isinstance(event, Frame):
+                yield event
+
+    def events(self) -> Iterator[Event]:
+        """Everything that comes, in its order; otherwise as iteration over frames."""
+        port, session = self.port, self._session
+        self._send()
+        while True:
+            with self._reading:
+                if self._closed:
+                    return
+                data = port.read()
+                now = port.clock_ns()
+            events: list[Event] = []
+            if data is None:
+                session.tick(now)
+            elif len(data) > 0:
+                events = session.receive(data, now)
+            else:
+                self.close()
+                yield from session.finish(now)
+                return
+            self._send()
+            yield from events
+            self._judge_silence(events, now)
+
+    @property
+    def counters(self) -> SessionCounters:
+        """A copy of what was counted so far."""
+        return self._session.counters
+
+    def send_camera(self, settings: CameraSettings) -> None:
+        """Asks for camera settings; sent while frames are read, answered by a Reply among the events()."""
+        self._session.request_camera(settings)
+
+    def close(self) -> None:
+        """From any thread; an iteration that waits for bytes ends within POLL_S."""
+        self._closed = True
+        with self._reading:
+            self.port.close()
+
+    def _send(self) -> None:
+        data = self._session.data_to_send()
+        if data:
+            with self._reading:
+                if not self._closed:
+                    self.port.write(data)
+
+    def _judge_silence(self, events: list[Event], now_ns: int) -> None:
+        if self._alive_ns is None or any(type(event) in ALIVE for event in events):
+            self._alive_ns = now_ns
+            self._alive_bytes = self._session.bytes_received
+        elif self._timeout_ns is not None and now_ns - self._alive_ns > self._timeout_ns:
+            raise PeerError(f"{self.port.url}: {self._who_is_silent((now_ns - self._alive_ns) * 1e-9)}")
+
+    def _who_is_silent(self, seconds: float) -> str:
+        counters = self.counters
+        packets = sum(counters.packets.values()) + counters.stamps
+        if counters.bytes == 0:
+            return f"not a byte in {seconds:.1f} s: is the robot on, is the wire the right one?"
+        if packets == 0:
+            return f"{counters.bytes} bytes and no packet in them: wrong framing or baud rate?"
+        if counters.bytes == self._alive_bytes:
+            return f"nothing for {seconds:.1f} s: the robot has gone silent, or the link has broken"
+        kinds = ", ".join(f"{count} {name}" for name, count in counters.packets.items() if count)
+        return f"packets but no image for {seconds:.1f} s ({kinds} so far): the camera or the GAP8 is silent"
+
+
+def open_stream(
+    port: str,
+    *,
+    baud: int | None = None,
+    framing: str | None = None,
+    dialect: Dialect = "auto",
+    timeout: float | None = 10.0,
+    camera: str | None = None,
+) -> Stream:
+    """Opens a robot, a serial adapter or the simulator.
+
+    `timeout`: seconds without any image (or stamp message) after which iteration raises PeerError; None: never.
+    With dialect "auto" nothing is sent until the robot has announced that it speaks native; "stock" never sends,
+    "native" asks at once. `baud` and `framing` as open_port.
+    """
+    if timeout is not None and not timeout > 0:
+        raise LocalError(f"timeout {timeout}: give seconds above 0, or None to wait for ever")
+    Session("tcp", dialect)  # judges the dialect before anything is opened
+    opened = open_port(port, baud, framing, camera)
+    return Stream(opened, Session(opened.framing, dialect), timeout)
