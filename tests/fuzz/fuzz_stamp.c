@@ -1,0 +1,39 @@
+/// A stamp that decodes encodes to the same bytes; a refusal leaves it alone. In a stream each byte is in a
+/// message, garbage, or waiting, and each message found is really there.
+#include "claim.h"
+
+#include "firmware/core/stamp.h"
+
+static void decode(const uint8_t *data, size_t size) {
+    stamp_t stamp;
+    memset(&stamp, POISON, sizeof stamp);
+    const int used = stamp_decode((bytes_t){data, size}, &stamp);
+    if (used < 0) {
+        CLAIM(untouched(&stamp, sizeof stamp));
+        return;
+    }
+    uint8_t out[STAMP_BYTES];
+    stamp_encode(&stamp, out);
+    CLAIM(used == STAMP_BYTES && memcmp(out, data, STAMP_BYTES) == 0);
+}
+
+static void search(const uint8_t *data, size_t size) {
+    stamp_rx_t rx;
+    stamp_t stamp;
+    stamp_rx_init(&rx);
+    for (size_t i = 0; i < size; i++) {
+        if (stamp_rx(&rx, data[i], &stamp)) {
+            uint8_t out[STAMP_BYTES];
+            stamp_encode(&stamp, out);
+            CLAIM(memcmp(out, data + i + 1 - STAMP_BYTES, STAMP_BYTES) == 0);
+        }
+        CLAIM(rx.fill < STAMP_BYTES);
+        CLAIM((size_t)rx.received * STAMP_BYTES + rx.garbage_bytes + rx.fill == i + 1);
+    }
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    decode(data, size);
+    search(data, size);
+    return 0;
+}
