@@ -79,6 +79,7 @@ static void receive(kernel_t *k, robot_t *r, wire_t wire, mcu_t mcu, int port, b
         }
         unit.size = carrier_damage(carrier, unit.data, unit.size);
         if (carrier_duplicates(carrier)) {
+            carrier->counts.duplicated++;
             node_receive(k, r, mcu, port, (bytes_t){unit.data, unit.size});
         }
     }

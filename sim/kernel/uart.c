@@ -119,6 +119,7 @@ static void unit_end(kernel_t *k, robot_t *r, int wire) {
     uart_queue_t *queue = &r->queues[wire];
     if (queue->ready || queue->copying) {
         r->carriers[wire].counts.reordered += queue->ready;
+        r->carriers[wire].counts.duplicated += !queue->ready;
         held_release(k, r, wire);
     }
     queue->ready = queue->holding && queue->held_size != 0;

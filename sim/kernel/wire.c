@@ -56,9 +56,7 @@ bool carrier_loses(carrier_t *self, int64_t now_ns) {
 }
 
 bool carrier_duplicates(carrier_t *self) {
-    bool twice = random_chance(&self->random, self->duplicate);
-    self->counts.duplicated += twice;
-    return twice;
+    return random_chance(&self->random, self->duplicate);
 }
 
 bool carrier_reorders(carrier_t *self) {

@@ -25,6 +25,7 @@ void carrier_set_faults(carrier_t *self, const wire_faults_t *faults, int64_t no
 
 /// Draws and counts whether the unit that starts now is lost.
 bool carrier_loses(carrier_t *self, int64_t now_ns);
+/// Only drawn: whether a unit is really copied or held is counted where that happens.
 bool carrier_duplicates(carrier_t *self);
 bool carrier_reorders(carrier_t *self);
 int64_t carrier_delay_ns(carrier_t *self);
