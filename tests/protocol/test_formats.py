@@ -60,7 +60,7 @@ def test_encode_leaves_nothing_of_the_buffer(format_: Format, data: st.DataObjec
 
 @every_format
 @given(st.data())
-@settings(seeded, max_examples=300)
+@settings(seeded, max_examples=150)
 def test_random_bytes_are_judged_alike(format_: Format, data: st.DataObject) -> None:
     wire = data.draw(noise(format_))
     assert decode(format_, wire) == format_.parse(wire)

@@ -1,0 +1,85 @@
+"""The last value that is accepted and the first that is not, for every range of every format."""
+
+from collections.abc import Iterator
+
+import pytest
+from wire_formats import BY_NAME, decode, encode, repair_uart
+
+Case = tuple[str, bytes, bool]
+MEGABYTE = 1 << 20
+
+
+def pictures(name: str, encoding: str, size: str) -> Iterator[Case]:
+    """The C encoders write what they are told: so they make the refused messages too."""
+
+    def case(accepted: bool, kind: int, width: int, height: int, depth: int, body: int) -> Case:
+        picture = {"width": width, "height": height, "depth": depth, encoding: kind, size: body}
+        return name, encode(BY_NAME[name], picture, 0), accepted
+
+    for side, accepted in ((0, False), (1, True), (1024, True), (1025, False)):
+        yield case(accepted, 1, side, 8, 1, 50)
+        yield case(accepted, 1, 8, side, 1, 50)
+        yield case(accepted, 0, side, 8, 1, side * 8)
+        yield case(accepted, 0, 8, side, 1, side * 8)
+    for depth, accepted in ((0, False), (1, True), (4, True), (5, False)):
+        yield case(accepted, 1, 8, 8, depth, 50)
+        yield case(accepted, 0, 8, 8, depth, 64 * depth)
+    for body, accepted in ((0, False), (1, True), (MEGABYTE, True), (MEGABYTE + 1, False)):
+        yield case(accepted, 1, 8, 8, 1, body)
+    for body, accepted in ((63, False), (64, True), (65, False)):
+        yield case(accepted, 0, 8, 8, 1, body)
+    yield case(True, 0, 1024, 1024, 1, MEGABYTE)
+    yield case(False, 0, 1024, 1024, 2, 2 * MEGABYTE)
+    yield case(False, 2, 8, 8, 1, 64)
+
+
+def starts(name: str, wire: bytes, size: int) -> Iterator[Case]:
+    """No bit of the first bytes may be another."""
+    yield name, wire, True
+    for bit in range(8 * size):
+        changed = bytearray(wire)
+        changed[bit // 8] ^= 1 << bit % 8
+        yield name, bytes(changed), False
+
+
+def cases() -> Iterator[Case]:
+    yield from pictures("stock header", "type", "size")
+    yield from pictures("native frame", "encoding", "body_bytes")
+    stock = bytes.fromhex("bc4401f4000100d0340100")
+    yield from starts("stock header", stock, 1)
+    yield "stock header", stock + b"\0", False
+
+    frame = encode(BY_NAME["native frame"], {"width": 1, "height": 1, "depth": 1, "body_bytes": 1}, 0)
+    yield from starts("native frame", frame, 2)
+    for header_bytes, more, accepted in ((99, 0, False), (100, 5, True), (101, 0, False), (101, 1, True)):
+        yield "native frame", frame[:2] + bytes([header_bytes, 0]) + frame[4:] + bytes(more), accepted
+
+    for count, accepted in ((0, False), (1, True), (48, True), (49, False), (255, False)):
+        yield "native pairs", bytes([0x4E, 3, count]) + bytes(5 + 21 * 255), accepted
+    yield from starts("native pairs", bytes([0x4E, 3, 1]) + bytes(5 + 21), 2)
+    yield from starts("native data", bytes([0x4E, 2]) + bytes(7), 2)
+    yield from starts("native status", bytes([0x4E, 4]) + bytes(58), 2)
+    yield from starts("native reply", bytes([0x4E, 5]) + bytes(2), 2)
+    yield from starts("native camera", bytes([0x4E, 17]) + bytes(12), 2)
+    yield "native status", bytes([0x4E, 4, 1, 2]) + bytes(57), True  # spare bytes in use, and a byte more
+
+    yield from starts("native stream", bytes([0x4E, 16]) + bytes(4), 2)
+    for dialect, accepted in ((1, True), (2, False), (255, False)):
+        yield "native stream", bytes([0x4E, 16, dialect, 9, 0, 0]), accepted
+    for data_max, accepted in ((1, False), (99, False), (100, True), (1020, True), (1021, False), (65535, False)):
+        yield "native stream", bytes([0x4E, 16, 1, 0]) + data_max.to_bytes(2, "little"), accepted
+
+    for length, accepted in ((0, True), (1, False), (2, True), (100, True), (101, False), (255, False)):
+        yield "CPX over UART", repair_uart(bytes([0xFF, length]) + bytes(260)), accepted
+    yield from starts("CPX over UART", bytes.fromhex("ff030a0420d2"), 6)
+    for length, accepted in ((0, True), (1, False), (2, True), (1022, True), (1023, False), (65535, False)):
+        yield "CPX over TCP and SPI", length.to_bytes(2, "little") + bytes(65535), accepted
+    yield from starts("stamp message", bytes.fromhex("d52a40e2010074f3c8f4e5000000036f5d"), 17)
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_edges(name: str) -> None:
+    for format_name, wire, accepted in cases():
+        if format_name == name:
+            assert (decode(BY_NAME[name], wire) is not None) == accepted, wire[:120].hex(" ")
+            assert (BY_NAME[name].parse(wire) is not None) == accepted, wire[:120].hex(" ")
