@@ -7,7 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from construct import ConstructError
 from wire_formats import BY_NAME, decode, encode
+
+from host.protocol.spec import control
 
 VECTORS = Path(__file__).resolve().parents[1] / "vectors"
 
@@ -66,3 +69,27 @@ def test_every_native_format_has_a_vector() -> None:
 def test_committed_vectors_are_what_the_maker_prints() -> None:
     made = subprocess.run([sys.executable, VECTORS / "make_native.py"], capture_output=True, text=True, check=True)
     assert made.stdout == (VECTORS / "native.json").read_text(encoding="utf-8")
+
+
+CONTROL = [
+    (control.WIFI_CTRL, "2001", (0x20, 1)),
+    (control.WIFI_CTRL, "3201", (0x32, 1)),
+    (control.WIFI_CTRL, "31c0a80401", (0x31, [192, 168, 4, 1])),
+    (control.WIFI_CTRL, "106162", (0x10, b"ab")),
+    (control.SYSTEM, "2101", (0x21, 1)),
+    (control.SYSTEM, "10", (0x10, None)),
+]
+
+
+@pytest.mark.parametrize(("spec", "wire", "meaning"), CONTROL)
+def test_literal_command(spec: Any, wire: str, meaning: tuple[int, Any]) -> None:
+    """The robot reads these by hand: there is no codec to compare with."""
+    found = spec.parse(bytes.fromhex(wire))
+    assert (found.command, found.argument) == meaning
+    assert spec.build(found).hex() == wire
+
+
+def test_a_command_without_its_argument_is_refused() -> None:
+    for spec, wire in ((control.WIFI_CTRL, "20"), (control.WIFI_CTRL, "31c0a804"), (control.SYSTEM, "21")):
+        with pytest.raises(ConstructError):
+            spec.parse(bytes.fromhex(wire))
