@@ -140,7 +140,8 @@ def stream(arguments: argparse.Namespace, as_json: bool) -> int:
             for robot in robots:
                 robot.keeper = Keeper(folder / f"robot{robot.number}" if len(robots) > 1 else folder, robot.number)
                 open_things.callback(robot.keeper.close)
-        show = open_things.enter_context(JsonLines() if as_json else Terminal(robots))
+        show: JsonLines | Terminal = JsonLines() if as_json else Terminal(robots)
+        open_things.enter_context(show)
         interrupted = pump(robots, arguments, show)
     picture = save_last(robots, arguments.picture, as_json)
     show.finish(robots, picture)
