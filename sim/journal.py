@@ -44,10 +44,7 @@ class Journal:
         self._count += 1
         own = self._reads[robot]
         own.matter |= available > self._safe_bytes[robot]
-        if own.reads and own.reads[-1][0] == t and own.reads[-1][1] == self._count - 1:
-            own.reads[-1] = [t, self._count, own.reads[-1][2] + size]
-        else:
-            own.reads.append([t, self._count, size])
+        own.reads.append([t, self._count, size])
         if size == available:
             if own.matter:
                 self._records.append({**self._held(robot), "all": True})

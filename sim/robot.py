@@ -56,13 +56,13 @@ class Robot:
     def connect(self) -> None:
         """On TCP: as soon as the robot's network is up. On a UART the host is always there."""
         with self.world.lock:
-            self.world.did("connect", robot=self.index)
             lib.kernel_host_connect(self.world.kernel, self.index)
+            self.world.did("connect", robot=self.index)
 
     def disconnect(self) -> None:
         with self.world.lock:
-            self.world.did("disconnect", robot=self.index)
             lib.kernel_host_disconnect(self.world.kernel, self.index)
+            self.world.did("disconnect", robot=self.index)
 
     @property
     def connected(self) -> bool:
@@ -145,28 +145,28 @@ class Robot:
                 raise LocalError(f"{setting.name} is no fault: it is set before the world starts")
             values[key] = scenario.checked(setting, value)
         with self.world.lock:
-            self.world.did("set_faults", robot=self.index, wire=wire, **values)
             for each in wires:
                 self._wires[each] = dataclasses.replace(self._wires.get(each, getattr(self.settings, link)), **values)
                 config = ffi.new("wire_faults_t *", configure.faults(self._wires[each]))
                 lib.kernel_set_faults(self.world.kernel, self.index, each, config)
+            self.world.did("set_faults", robot=self.index, wire=wire, **values)
 
     def set_camera_faults(self, fail: float = 0.0, hang: float = 0.0) -> None:
         """Probabilities that a capture fails, or never ends."""
         for key, value in (("camera_fail", fail), ("camera_hang", hang)):
             scenario.checked(scenario.find(key), value)
         with self.world.lock:
-            self.world.did("set_camera_faults", robot=self.index, fail=fail, hang=hang)
             lib.kernel_set_camera_faults(self.world.kernel, self.index, fail, hang)
+            self.world.did("set_camera_faults", robot=self.index, fail=fail, hang=hang)
 
     def stall(self, wire: str, seconds: float) -> None:
         """The wire stands still for so long; nothing on it is lost."""
         wires = _wires(wire)
         duration_ns = _duration_ns(seconds)
         with self.world.lock:
-            self.world.did("stall", robot=self.index, wire=wire, seconds=seconds)
             for each in wires:
                 lib.kernel_stall(self.world.kernel, self.index, each, duration_ns)
+            self.world.did("stall", robot=self.index, wire=wire, seconds=seconds)
 
     def inject(self, wire: str, data: bytes) -> None:
         """Gives the receiver bytes that nobody has sent, now. On a link ("tcp"): in the direction of the host."""
@@ -174,32 +174,32 @@ class Robot:
         if len(data) > INJECT_BYTES_MAX:
             raise LocalError(f"inject: {len(data)} bytes, at most {INJECT_BYTES_MAX} at once")
         with self.world.lock:
-            self.world.did("inject", robot=self.index, wire=wire, hex=data.hex())
             lib.kernel_inject(self.world.kernel, self.index, each, data, len(data))
+            self.world.did("inject", robot=self.index, wire=wire, hex=data.hex())
 
     def set_rate(self, mcu: str, ppm: float) -> None:
         """The MCU's oscillator runs at this rate error from now on."""
         which = _mcu(mcu)
         scenario.checked(scenario.find(f"{mcu}_ppm"), ppm)
         with self.world.lock:
-            self.world.did("set_rate", robot=self.index, mcu=mcu, ppm=ppm)
             lib.kernel_set_rate(self.world.kernel, self.index, which, configure.rate_ppb(ppm))
+            self.world.did("set_rate", robot=self.index, mcu=mcu, ppm=ppm)
 
     def reset_stamp_clock(self, mcu: str, to_us: int = 0) -> None:
         """As `usec.reset` does on the STM32. Deadlines are not touched: they use the uptime."""
         which = _mcu(mcu)
         scenario.checked(scenario.find(f"{mcu}_stamp_start_us"), to_us)
         with self.world.lock:
-            self.world.did("reset_stamp_clock", robot=self.index, mcu=mcu, to_us=to_us)
             lib.kernel_reset_stamp_clock(self.world.kernel, self.index, which, to_us)
+            self.world.did("reset_stamp_clock", robot=self.index, mcu=mcu, to_us=to_us)
 
     def reboot(self, mcu: str, off_seconds: float = 0.0) -> None:
         """Off at once, for so long, and then from its start."""
         which = _mcu(mcu)
         off_ns = _duration_ns(off_seconds)
         with self.world.lock:
-            self.world.did("reboot", robot=self.index, mcu=mcu, off_seconds=off_seconds)
             lib.kernel_reboot(self.world.kernel, self.index, which, off_ns)
+            self.world.did("reboot", robot=self.index, mcu=mcu, off_seconds=off_seconds)
 
     def repeat(self, do: str, arguments: dict[str, Any]) -> None:
         """Does again what a log says was done."""

@@ -48,6 +48,25 @@ def _scene(width: int, height: int, seed: int, quality: int) -> camera.Pictures:
     return camera.scene(width, height, seed, quality)
 
 
+class Kernel:
+    """Owns a kernel_t. The pointer is None once it is freed: when garbage is collected, a port may be closed later."""
+
+    def __init__(self, seed: int) -> None:
+        self.pointer: Any = None
+        pointer = lib.kernel_new(seed)
+        if pointer == ffi.NULL:
+            raise MemoryError
+        self.pointer = pointer
+
+    def free(self) -> None:
+        if self.pointer is not None:
+            lib.kernel_free(self.pointer)
+            self.pointer = None
+
+    def __del__(self) -> None:
+        self.free()
+
+
 class World:
     """Robots under one true time. Not for several threads, unless `lock` is a lock."""
 
@@ -72,11 +91,8 @@ class World:
         self._truth_next_ns = 0
         self._pictures: dict[tuple[str | int, ...], tuple[camera.Pictures, list[Any]]] = {}
         self._buffers: list[Any] = []
-        kernel = lib.kernel_new(source.seed)
-        if kernel == ffi.NULL:
-            raise MemoryError
-        self._kernel: Any = ffi.gc(kernel, lib.kernel_free)
-        lib.kernel_trace(kernel, TRACES[trace])
+        self._kernel = Kernel(source.seed)
+        lib.kernel_trace(self.kernel, TRACES[trace])
         self.robots = tuple(self._add(index, settings) for index, settings in enumerate(source.robots))
         self._journal = Journal([configure.unread_bytes_max(robot.settings) for robot in self.robots])
         self._receivers: list[Receiver] = []
@@ -88,13 +104,13 @@ class World:
             own = dataclasses.replace(settings.camera, width=pictures.width, height=pictures.height)
             settings = dataclasses.replace(settings, camera=own)
             scenario.check_robot(settings)
-        result = lib.kernel_add_robot(self._kernel, configure.robot_config(settings))
+        result = lib.kernel_add_robot(self.kernel, configure.robot_config(settings))
         if result == lib.KERNEL_ERR_MEMORY:
             raise MemoryError
         if result != index:
             raise LocalError(f"robot {index}: the simulator refuses this scenario: {settings}")
         if pictures is not None:
-            result = lib.kernel_set_images(self._kernel, index, *views, len(pictures.raw))
+            result = lib.kernel_set_images(self.kernel, index, *views, len(pictures.raw))
             if result < 0:
                 raise MemoryError
         return Robot(self, index, settings)
@@ -121,9 +137,13 @@ class World:
     @property
     def kernel(self) -> Any:
         """kernel_t *; LocalError after close."""
-        if self._kernel is None:
+        if self.closed:
             raise LocalError("this world is closed")
-        return self._kernel
+        return self._kernel.pointer
+
+    @property
+    def closed(self) -> bool:
+        return self._kernel.pointer is None
 
     @property
     def now_ns(self) -> int:
@@ -149,6 +169,8 @@ class World:
 
     def listen(self, robot: int = 0, dialect: Dialect = "native") -> Receiver:
         """That robot with a host that reads and decodes whenever run() lets time pass."""
+        if not 0 <= robot < len(self.robots):
+            raise LocalError(f"robot {robot}: this world has 0 .. {len(self.robots) - 1}")
         self._receivers.append(Receiver(self, robot, dialect))
         return self._receivers[-1]
 
@@ -189,7 +211,7 @@ class World:
     def truth(self) -> NDArray[np.void]:
         """Every completed capture of every robot, dtype TRUTH_DTYPE, oldest first, at most TRUTH_MAX."""
         with self.lock:
-            if self._kernel is not None:
+            if not self.closed:
                 self._keep_truth(now=True)
             whole = np.concatenate([np.empty(0, TRUTH_DTYPE), *self._truth])
             self._truth = deque([whole])
@@ -208,12 +230,20 @@ class World:
         return functools.reduce(lambda whole, each: (whole * 0x100000001B3 ^ each) % 2**64, hashes, len(hashes))
 
     def did(self, do: str, **arguments: Any) -> None:
-        """Logs what is done to this world now; the robots call it."""
+        """After something was done to this world from outside: logs it, and lets happen what is due at this instant.
+
+        Without that, a later run(0) would make a difference, which no log tells.
+        """
         self._journal.add(self.now_ns, do, **arguments)
+        self._settle()
 
     def did_read(self, robot: int, available: int, size: int) -> None:
-        """Likewise, for what their hosts read."""
+        """Likewise, after a host has read."""
         self._journal.read(self.now_ns, robot, available, size)
+        self._settle()
+
+    def _settle(self) -> None:
+        lib.kernel_run(self.kernel, lib.kernel_now_ns(self.kernel), -1, 0)
 
     @property
     def log(self) -> list[Record]:
@@ -280,13 +310,12 @@ class World:
 
     def close(self) -> None:
         """Frees the kernel; truth and log stay readable. May be called again."""
-        if self._kernel is None:
-            return
         with self.lock:
+            if self.closed:
+                return
             self._keep_truth(now=True)
             self._closed_log = self.log
-            ffi.release(self._kernel)
-            self._kernel = None
+            self._kernel.free()
             self._pictures.clear()
             self._buffers.clear()
 

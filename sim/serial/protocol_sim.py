@@ -42,7 +42,7 @@ class Shared:
         self.changed = threading.Condition(threading.RLock())
         """Held for every use of the world; notified when something was read."""
         self.world = World(made, lock=self.changed)
-        self.ports: list[Serial] = []
+        self.ports: weakref.WeakSet[Serial] = weakref.WeakSet()
         self.opened_s = time.monotonic()
 
     def allowed_ns(self) -> int:
@@ -78,7 +78,7 @@ class Serial(SerialBase):  # type: ignore[misc]
         """Its number in the world."""
         self.world: World | None = None
         """Set when opened, and kept after closing: its truth and its counters."""
-        self.reader: int | None = None
+        self.reader: threading.Thread | None = None
         """Thread that has read last."""
         self._shared: Shared | None = None
         self._pace = "real"
@@ -96,7 +96,7 @@ class Serial(SerialBase):  # type: ignore[misc]
         with _opening:
             self._shared = share(made)
             self.robot = made.robot
-            self._shared.ports.append(self)
+            self._shared.ports.add(self)
         self.world = self._shared.world
         self.framing = FRAMINGS[made.robots[made.robot].wire]
         self.reader = None
@@ -112,11 +112,12 @@ class Serial(SerialBase):  # type: ignore[misc]
             return
         self.is_open = False
         with _opening:
-            shared.ports.remove(self)
+            shared.ports.discard(self)
             if not shared.ports:
                 _worlds.discard(shared)
         with shared.changed:
-            shared.world.robots[self.robot].disconnect()
+            if not shared.world.closed:
+                shared.world.robots[self.robot].disconnect()
             shared.changed.notify_all()
 
     def clock_ns(self) -> int:
@@ -136,7 +137,7 @@ class Serial(SerialBase):  # type: ignore[misc]
     def read(self, size: int = 1) -> bytes:
         """As many bytes, or fewer after `timeout` simulated seconds, cancel_read or close."""
         shared = self._open()
-        self.reader = threading.get_ident()
+        self.reader = threading.current_thread()
         deadline_ns = self._deadline_ns(shared, self._timeout)
         out = bytearray()
         while True:
@@ -190,6 +191,18 @@ class Serial(SerialBase):  # type: ignore[misc]
         """Ends a read under way in another thread, or the next one."""
         self._cancelled = True
 
+    def _reconfigure_port(self) -> None:
+        """pyserial calls it after each change of a setting."""
+
+    def _update_rts_state(self) -> None:
+        """Likewise, and the next two."""
+
+    def _update_dtr_state(self) -> None:
+        pass
+
+    def _update_break_state(self) -> None:
+        pass
+
     def keeps_up(self) -> bool:
         """Little is left unread here."""
         return not self.is_open or self._end.available <= AHEAD_BYTES
@@ -236,10 +249,10 @@ class Serial(SerialBase):  # type: ignore[misc]
 
     def _wait_for_others(self, shared: Shared) -> None:
         """So that a thread that reads one robot does not leave behind the thread that reads another."""
-        own = threading.get_ident()
+        own = threading.current_thread()
         with shared.changed:
             for other in list(shared.ports):
-                if other is self or other.reader in (None, own):
+                if other.reader is None or other.reader is own or not other.reader.is_alive():
                     continue
                 if not shared.changed.wait_for(other.keeps_up, AHEAD_S):
                     other.reader = None  # until it reads again
