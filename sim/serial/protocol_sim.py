@@ -28,9 +28,11 @@ LOOK_NS = NS // 1000
 SLEEP_S = 0.002
 AHEAD_BYTES = 32 << 10
 """With pace=max a reader waits when another one has left this much unread."""
+LOOK_S = 0.01
 AHEAD_S = 1.0
 """But not longer than this: then that reader is slow, and its robot notices."""
 
+GONE = "the robot has closed the connection: its ESP32 or its Wi-Fi has gone"
 FRAMINGS = {"tcp": "tcp", "uart2": "cpx-uart", "uart1": "stamps"}
 
 
@@ -151,7 +153,7 @@ class Serial(SerialBase):  # type: ignore[misc]
             if not got and self._gone():
                 if out:
                     break
-                raise SerialException("the robot has closed the connection: its ESP32 or its Wi-Fi has gone")
+                raise SerialException(GONE)
             if deadline_ns is not None and shared.world.now_ns >= deadline_ns:
                 break
             self._run(shared, deadline_ns, size - len(out))
@@ -159,20 +161,22 @@ class Serial(SerialBase):  # type: ignore[misc]
         return bytes(out)
 
     def write(self, data: bytes) -> int:
-        """All of it; SerialTimeoutException after `write_timeout` simulated seconds."""
+        """All of it, or after `write_timeout` simulated seconds as much as was taken; if that is nothing,
+        SerialTimeoutException."""
         shared = self._open()
-        rest = to_bytes(data)
+        data = to_bytes(data)
         deadline_ns = self._deadline_ns(shared, self._write_timeout)
-        size = len(rest)
-        while True:
-            rest = rest[self._end.write(rest) :]
-            if not rest:
-                return size
+        sent = self._end.write(data)
+        while sent < len(data):
             if self._gone():
-                raise SerialException("the robot has closed the connection: its ESP32 or its Wi-Fi has gone")
+                raise SerialException(GONE)
             if deadline_ns is not None and shared.world.now_ns >= deadline_ns:
+                if sent:
+                    return sent
                 raise SerialTimeoutException("Write timeout")
             self._run(shared, shared.world.now_ns + LOOK_NS, size=0)
+            sent += self._end.write(data[sent:])
+        return sent
 
     def reset_input_buffer(self) -> None:
         """Throws away what has come and was not read."""
@@ -203,9 +207,10 @@ class Serial(SerialBase):  # type: ignore[misc]
     def _update_break_state(self) -> None:
         pass
 
-    def keeps_up(self) -> bool:
-        """Little is left unread here."""
-        return not self.is_open or self._end.available <= AHEAD_BYTES
+    def is_behind(self) -> bool:
+        """A thread reads here, and has left much unread."""
+        alive = self.is_open and self.reader is not None and self.reader.is_alive()
+        return alive and self._end.available > AHEAD_BYTES
 
     @property
     def _end(self) -> Robot:
@@ -234,6 +239,8 @@ class Serial(SerialBase):  # type: ignore[misc]
         """Lets some time pass, or waits until it may; ends early when `size` bytes are there (0: never)."""
         if self._pace == "max":
             self._wait_for_others(shared)
+            if size and self._end.available:
+                return
         with shared.changed:
             now_ns = shared.world.now_ns
             target_ns = now_ns + STEP_NS
@@ -244,6 +251,7 @@ class Serial(SerialBase):  # type: ignore[misc]
             if target_ns > now_ns:
                 wanted = min(size, AHEAD_BYTES)
                 shared.world.run_until(target_ns, self.robot if wanted else -1, max(wanted, 1))
+                shared.changed.notify_all()
                 return
         time.sleep(SLEEP_S)
 
@@ -252,7 +260,13 @@ class Serial(SerialBase):  # type: ignore[misc]
         own = threading.current_thread()
         with shared.changed:
             for other in list(shared.ports):
-                if other.reader is None or other.reader is own or not other.reader.is_alive():
+                if other.reader in (None, own):
                     continue
-                if not shared.changed.wait_for(other.keeps_up, AHEAD_S):
-                    other.reader = None  # until it reads again
+                waited_s = 0.0
+                # Whoever has something to read goes and reads it: no two wait for each other.
+                while other.is_behind() and not self._end.available:
+                    if waited_s >= AHEAD_S:
+                        other.reader = None  # until it reads again
+                        break
+                    shared.changed.wait(LOOK_S)
+                    waited_s += LOOK_S
