@@ -75,6 +75,7 @@ int kernel_reset_stamp_clock(kernel_t *k, int robot, mcu_t mcu, uint64_t to_us) 
     node_t *node = &r->nodes[mcu];
     if (node->up) {
         stamp_clock_reset(&node->stamp, node_local_ns(k, node), to_us);
+        node->read_ns = -1; // what was read at this instant no longer holds
     }
     return 0;
 }

@@ -4,14 +4,15 @@ int64_t node_local_ns(const kernel_t *k, node_t *node) {
     if (node->read_ns != k->now_ns) {
         node->read_ns = k->now_ns;
         node->local_ns = oscillator_local_ns(&node->oscillator, k->now_ns);
+        node->instant.up_us = (uint64_t)node->local_ns / 1000;
+        node->instant.stamp_us = stamp_clock_us(&node->stamp, node->local_ns);
     }
     return node->local_ns;
 }
 
 instant_t node_instant(const kernel_t *k, node_t *node) {
-    int64_t local_ns = node_local_ns(k, node);
-    return (instant_t){.up_us = (uint64_t)local_ns / 1000,
-                       .stamp_us = stamp_clock_us(&node->stamp, local_ns)};
+    node_local_ns(k, node);
+    return node->instant;
 }
 
 int node_receive(kernel_t *k, robot_t *r, mcu_t mcu, int port, bytes_t in) {
@@ -31,7 +32,7 @@ void node_set_timer(kernel_t *k, robot_t *r, mcu_t mcu) {
         return;
     }
     node->deadline_us = deadline_us;
-    bool passed = deadline_us <= (uint64_t)node_local_ns(k, node) / 1000;
+    bool passed = deadline_us <= node_instant(k, node).up_us;
     if (passed || deadline_us > INT64_MAX / 1000) {
         robot_not(k, r, SOURCE_TIMER + mcu);
     } else {
@@ -83,8 +84,7 @@ void node_timer(kernel_t *k, robot_t *r, mcu_t mcu) {
         boot(k, r, mcu);
         return;
     }
-    if ((uint64_t)node_local_ns(k, node) / 1000 <
-        node->deadline_us) { // further off than the oscillator looks
+    if (node_instant(k, node).up_us < node->deadline_us) { // further off than the oscillator looks
         node->deadline_us = NEVER_US;
         node_set_timer(k, r, mcu);
         return;

@@ -60,6 +60,7 @@ typedef struct {
     uint32_t boots;
     int64_t read_ns;      ///< true time of the last reading
     int64_t local_ns;     ///< that reading
+    instant_t instant;    ///< likewise
     uint64_t deadline_us; ///< for which the timer is set
 } node_t;
 
