@@ -86,8 +86,10 @@ int64_t oscillator_peek_ns(const oscillator_t *self, int64_t true_ns) {
 
 static int64_t when_in_segment_ns(const oscillator_t *self, int64_t wanted_ns) {
     int64_t since_ns = wanted_ns;
-    for (int step = 0; step < 4; step++) { // each shrinks the error by the rate, at most 0.04
-        since_ns += wanted_ns - elapsed_local_ns(self, since_ns);
+    int64_t error_ns = wanted_ns - elapsed_local_ns(self, since_ns);
+    for (int step = 0; error_ns != 0 && step < 4; step++) { // each shrinks it by the rate, at most 0.04
+        since_ns += error_ns;
+        error_ns = wanted_ns - elapsed_local_ns(self, since_ns);
     }
     while (elapsed_local_ns(self, since_ns) < wanted_ns) {
         since_ns++;

@@ -25,5 +25,6 @@ size_t ring_read(ring_t *self, uint8_t *out, size_t size) {
     self->head += size;
     self->head -= self->head >= self->capacity ? self->capacity : 0;
     self->fill -= size;
+    self->head = self->fill == 0 ? 0 : self->head; // stays in the cache
     return size;
 }

@@ -94,8 +94,9 @@ static int64_t arrival_ns(kernel_t *k, robot_t *r, int direction) {
 
 static void pop(tcp_pipe_t *pipe) {
     pipe->under_way -= segment_at(pipe, 0)->size;
-    pipe->head = pipe->head + 1 < pipe->capacity ? pipe->head + 1 : 0;
     pipe->fill--;
+    pipe->head =
+        pipe->fill != 0 && pipe->head + 1 < pipe->capacity ? pipe->head + 1 : 0; // 0 stays in the cache
 }
 
 static bool arrived(const kernel_t *k, tcp_pipe_t *pipe) {

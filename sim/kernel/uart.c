@@ -66,8 +66,8 @@ static void queue_pass(kernel_t *k, robot_t *r, int wire) {
     uart_queue_t *queue = &r->queues[wire];
     while (queue->fill != 0 && queue->arrival_ns[queue->head] <= k->now_ns) {
         uint8_t byte = queue->bytes[queue->head];
-        queue->head = (queue->head + 1) % UART_QUEUE_BYTES;
         queue->fill--;
+        queue->head = queue->fill == 0 ? 0 : (queue->head + 1) % UART_QUEUE_BYTES; // 0 stays in the cache
         uart_deliver(k, r, wire, byte);
     }
     if (queue->fill != 0) {

@@ -87,8 +87,8 @@ size_t carrier_damage(carrier_t *self, uint8_t *bytes, size_t size) {
     return left;
 }
 
-int64_t carrier_free_ns(carrier_t *self, int64_t now_ns) {
-    while (self->stall_mean_ns != 0 && now_ns >= self->stall_next_ns) {
+void carrier_draw_stalls(carrier_t *self, int64_t now_ns) {
+    while (now_ns >= self->stall_next_ns) {
         int64_t end_ns = self->stall_next_ns + random_exponential(&self->random, self->faults.stall_ns);
         if (end_ns > self->stall_until_ns) {
             self->stall_until_ns = end_ns;
@@ -96,5 +96,4 @@ int64_t carrier_free_ns(carrier_t *self, int64_t now_ns) {
         self->stall_next_ns = end_ns + 1 + random_exponential(&self->random, self->stall_mean_ns);
         self->counts.stalls++;
     }
-    return self->stall_until_ns > now_ns ? self->stall_until_ns : now_ns;
 }

@@ -33,8 +33,16 @@ int64_t carrier_delay_ns(carrier_t *self);
 /// Drops and flips bytes where they lie; returns how many are left.
 size_t carrier_damage(carrier_t *self, uint8_t *bytes, size_t size);
 
+/// Draws the stalls that have begun by now.
+void carrier_draw_stalls(carrier_t *self, int64_t now_ns);
+
 /// When the wire moves again: now_ns, or the end of a stall.
-int64_t carrier_free_ns(carrier_t *self, int64_t now_ns);
+static inline int64_t carrier_free_ns(carrier_t *self, int64_t now_ns) {
+    if (self->stall_mean_ns != 0 && now_ns >= self->stall_next_ns) {
+        carrier_draw_stalls(self, now_ns);
+    }
+    return self->stall_until_ns > now_ns ? self->stall_until_ns : now_ns;
+}
 
 /// Local or true time, in ns and rounded up, that `bytes` take.
 static inline int64_t wire_time_ns(size_t bytes, int64_t byte_ps) {
