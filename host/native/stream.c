@@ -100,6 +100,9 @@ static verdict_t starts(const uint8_t *in, size_t size) {
 }
 
 static void report_garbage(stream_t *self, uint64_t from, uint64_t to) {
+    if (from == to) {
+        return;
+    }
     stream_event_t *event = stream_event(self, STREAM_GARBAGE);
     event->offset = from;
     event->size = (uint32_t)(to - from);

@@ -1,0 +1,154 @@
+/// The GAP8's app, whatever comes over UART1, SPI and from the camera: what it sends are packets that decode,
+/// native ones whole, and once it has sent all it has, its deadline lies ahead. It keeps no body beyond its
+/// time.
+#include "claim.h"
+#include "input.h"
+
+#include "firmware/gap8/app.h"
+
+enum { SIDE = 40, BODY_MAX = SIDE * SIDE, SENT_AT_ONCE_MAX = 200 };
+
+typedef struct {
+    gap8_t app;
+    instant_t now;
+    uint8_t *bodies[GAP8_SLOTS]; ///< exactly as large as given, freed when the slot is used again
+    int slot;                    ///< of the capture under way
+} bench_t;
+
+static void hear_native(bytes_t data) {
+    native_frame_t frame;
+    native_pair_t pairs[NATIVE_PAIRS_MAX];
+    native_reply_t reply;
+    uint16_t frame_low;
+    uint32_t number;
+    size_t count;
+    bytes_t body;
+    switch (data.data[1]) {
+    case NATIVE_FRAME:
+        CLAIM(native_frame_decode(data, &frame) == (int)data.size);
+        break;
+    case NATIVE_DATA:
+        CLAIM(native_data_decode(data, &frame_low, &number, &body) == (int)data.size);
+        CLAIM(number + body.size <= BODY_MAX);
+        break;
+    case NATIVE_PAIRS:
+        CLAIM(native_pairs_decode(data, pairs, &count, &number) == (int)data.size);
+        break;
+    default:
+        CLAIM(native_reply_decode(data, &reply) == (int)data.size);
+    }
+}
+
+/// False when there is nothing to send.
+static bool hear_spi(bench_t *self) {
+    uint8_t out[CPX_LINK_FRAME_MAX];
+    const bool native = self->app.sending >= 0 ? self->app.send_native : self->app.stream.dialect != 0;
+    const bool reply = self->app.queue_fill > 0;
+    const size_t size = gap8_transmit(&self->app, GAP8_PORT_SPI, (bytes_mut_t){out, sizeof out}, self->now);
+    if (size == 0) {
+        return false;
+    }
+    cpx_packet_t packet;
+    CLAIM(cpx_link_decode((bytes_t){out, size}, &packet) == (int)size);
+    CLAIM(cpx_route_ok(&packet.route) && packet.route.source == CPX_GAP8 && packet.data.size > 0);
+    if (packet.route.function == CPX_APP && (native || reply)) {
+        CLAIM(packet.data.data[0] == NATIVE_MAGIC);
+        hear_native(packet.data);
+    }
+    return true;
+}
+
+static bool hear_camera(bench_t *self) {
+    uint8_t command[GAP8_CAMERA_COMMAND_BYTES];
+    if (gap8_transmit(&self->app, GAP8_PORT_CAMERA, (bytes_mut_t){command, sizeof command}, self->now) == 0) {
+        return false;
+    }
+    CLAIM(command[0] < GAP8_SLOTS);
+    self->slot = command[0];
+    free(self->bodies[self->slot]);
+    self->bodies[self->slot] = NULL;
+    return true;
+}
+
+static void send_all(bench_t *self) {
+    bool sent = true;
+    for (int i = 0; sent; i++) {
+        CLAIM(i < SENT_AT_ONCE_MAX);
+        sent = hear_spi(self);
+        sent = hear_camera(self) || sent;
+    }
+    CLAIM(gap8_deadline(&self->app) > self->now.up_us);
+}
+
+/// Ends the capture: the right size for a raw picture, or another one.
+static void capture(bench_t *self, bytes_t in) {
+    if (self->slot < 0) {
+        return;
+    }
+    const size_t raw = (size_t)self->app.config.width * self->app.config.height;
+    const size_t size = in.size > 0 && in.data[0] & 1U ? in.size : raw;
+    uint8_t *body = calloc(size + 1, 1);
+    memcpy(body, in.data, in.size < size ? in.size : size);
+    self->bodies[self->slot] = realloc(body, size + (size == 0));
+    CLAIM(gap8_receive(&self->app, GAP8_PORT_CAMERA, (bytes_t){self->bodies[self->slot], size}, self->now) ==
+          (int)size);
+    self->slot = -1;
+}
+
+static int init(bench_t *self, bytes_t *input) {
+    const uint8_t choice = take_byte(input);
+    const gap8_config_t config = {
+        .width = SIDE,
+        .height = 1 + choice % SIDE,
+        .camera = {.auto_exposure = choice & 1U,
+                   .analog_gain = 1,
+                   .digital_gain = 64,
+                   .burst = 1 + choice % 3,
+                   .encoding = choice >> 1 & 1U,
+                   .exposure_lines = 100,
+                   .frame_period_us = choice & 4U ? 1U + take_byte(input) * 1000U : 0},
+        .stamp_bits = choice & 8U ? 16 : 0,
+        .stock_only = (choice & 16U) != 0,
+        .stream_always = (choice & 32U) != 0,
+    };
+    self->slot = -1;
+    return gap8_init(&self->app, &config, self->now);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    static bench_t bench;
+    bytes_t input = {data, size};
+    memset(&bench, 0, sizeof bench);
+    CLAIM(init(&bench, &input) == 0);
+    while (input.size > 0) {
+        const uint8_t choice = take_byte(&input);
+        const bytes_t in = choice % 6 < 3 ? take(&input, choice / 6) : (bytes_t){input.data, 0};
+        switch (choice % 6) {
+        case 0:
+            CLAIM(gap8_receive(&bench.app, GAP8_PORT_UART1, in, bench.now) == (int)in.size);
+            break;
+        case 1:
+            CLAIM(gap8_receive(&bench.app, GAP8_PORT_SPI, in, bench.now) == (int)in.size);
+            break;
+        case 2:
+            capture(&bench, in);
+            break;
+        case 3: {
+            const uint64_t us = take_us(&input);
+            bench.now.up_us += us;
+            bench.now.stamp_us += us;
+            break;
+        }
+        case 4:
+            (void)(choice & 8U ? hear_spi(&bench) : hear_camera(&bench));
+            break;
+        default:
+            send_all(&bench);
+        }
+    }
+    send_all(&bench);
+    for (int slot = 0; slot < GAP8_SLOTS; slot++) {
+        free(bench.bodies[slot]);
+    }
+    return 0;
+}

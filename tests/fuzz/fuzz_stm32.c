@@ -1,0 +1,105 @@
+/// The STM32's app, whatever comes over UART2 and whenever it is called: what it sends is good stamps without
+/// a gap and good CPX frames, and once it has sent all it has, its deadline lies ahead.
+#include "claim.h"
+#include "input.h"
+
+#include "firmware/stm32/app.h"
+
+enum { SENT_AT_ONCE_MAX = 1000 };
+
+typedef struct {
+    stm32_t app;
+    instant_t now;
+    stamp_rx_t gap8;
+    uint32_t sequence;
+    cpx_uart_t esp32;
+} bench_t;
+
+static void hear_stamp(bench_t *self, uint8_t byte) {
+    stamp_t stamp;
+    if (stamp_rx(&self->gap8, byte, &stamp)) {
+        CLAIM(stamp.sequence == self->sequence++);
+        CLAIM(stamp.epoch == self->app.epoch);
+    }
+    CLAIM(self->gap8.garbage_bytes == 0);
+}
+
+static void hear_cpx(bench_t *self, uint8_t byte) {
+    cpx_packet_t packet;
+    if (cpx_uart_receive(&self->esp32, byte, 0, &packet)) {
+        CLAIM(packet.route.source == CPX_STM32 && packet.data.size > 0);
+        cpx_uart_accept(&self->esp32);
+    }
+    CLAIM(self->esp32.garbage_bytes == 0);
+}
+
+/// Everything that goes out now. No credit comes in meanwhile, so it ends.
+static void send_all(bench_t *self) {
+    uint8_t byte;
+    const bytes_mut_t out = {&byte, 1};
+    bool sent = true;
+    for (int i = 0; sent; i++) {
+        CLAIM(i < SENT_AT_ONCE_MAX);
+        sent = false;
+        if (stm32_transmit(&self->app, STM32_PORT_UART1, out, self->now) > 0) {
+            hear_stamp(self, byte);
+            sent = true;
+        }
+        if (stm32_transmit(&self->app, STM32_PORT_UART2, out, self->now) > 0) {
+            hear_cpx(self, byte);
+            sent = true;
+        }
+    }
+    CLAIM(stm32_deadline(&self->app) > self->now.up_us);
+}
+
+static stm32_config_t make_config(bytes_t *input) {
+    const uint8_t choice = take_byte(input);
+    stm32_config_t config = {.wifi_mode = choice & 3U};
+    config.stamp_period_us = choice & 4U ? take_byte(input) : 0;
+    config.crtp_period_us = choice & 8U ? 1U + take_byte(input) : 0;
+    const bytes_t ssid = take(input, choice >> 4);
+    memcpy(config.wifi_ssid, ssid.data, ssid.size);
+    const bytes_t key = take(input, choice & 16U ? sizeof config.wifi_key : 0);
+    memcpy(config.wifi_key, key.data, key.size);
+    return config;
+}
+
+static void wait(bench_t *self, uint64_t us) {
+    self->now.up_us += us;
+    self->now.stamp_us += us;
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    static bench_t bench;
+    if (size == 0) {
+        return 0;
+    }
+    bytes_t input = {data, size};
+    memset(&bench, 0, sizeof bench);
+    stamp_rx_init(&bench.gap8);
+    cpx_uart_init(&bench.esp32, 0);
+    const stm32_config_t config = make_config(&input);
+    if (stm32_init(&bench.app, &config, bench.now) < 0) {
+        return 0;
+    }
+    while (input.size > 0) {
+        const uint8_t choice = take_byte(&input);
+        const bytes_t in = take(&input, choice >> 2);
+        switch (choice & 3U) {
+        case 0:
+            CLAIM(stm32_receive(&bench.app, STM32_PORT_UART2, in, bench.now) == (int)in.size);
+            break;
+        case 1:
+            wait(&bench, take_us(&input));
+            break;
+        case 2:
+            bench.now.stamp_us = choice; // the stamp clock is reset
+            break;
+        default:
+            send_all(&bench);
+        }
+    }
+    send_all(&bench);
+    return 0;
+}
