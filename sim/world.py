@@ -23,6 +23,7 @@ from host.protocol.errors import LocalError
 from . import camera, configure, scenario
 from .journal import Journal, Record
 from .receiver import Dialect, Receiver
+from .replay import repeat
 from .robot import Robot
 from .settings import RobotSettings
 from .truth import TRUTH_DTYPE
@@ -35,7 +36,6 @@ LISTEN_NS = NS // 200
 TRUTH_MAX = 1 << 20
 """Captures remembered; the oldest go first."""
 TRUTH_BATCH = 4096
-REPLAY_STEP_BYTES = 16384
 END = 1 << 62
 """Of a log: after everything else."""
 
@@ -179,14 +179,12 @@ class World:
         while True:
             with self.lock:
                 now_ns = self.now_ns
-                result = lib.kernel_run(self.kernel, min(true_ns, max(now_ns, now_ns + SLICE_NS)), robot, size)
+                if true_ns < now_ns:
+                    raise LocalError(f"true time {true_ns} ns has passed: it is {now_ns} ns")
+                bytes_first = self._kernel_run(min(true_ns, now_ns + SLICE_NS), robot, size)
                 self._keep_truth()
-            if result == lib.KERNEL_BYTES:
+            if bytes_first:
                 return True
-            if result == lib.KERNEL_ERR_TIME:
-                raise LocalError(f"true time {true_ns} ns has passed: it is {now_ns} ns")
-            if result != lib.KERNEL_UNTIL:
-                raise MemoryError(f"kernel_run: {result}")
             if now_ns + SLICE_NS >= true_ns:
                 return False
 
@@ -243,7 +241,13 @@ class World:
         self._settle()
 
     def _settle(self) -> None:
-        lib.kernel_run(self.kernel, lib.kernel_now_ns(self.kernel), -1, 0)
+        self._kernel_run(self.now_ns, -1, 0)
+
+    def _kernel_run(self, true_ns: int, robot: int, size: int) -> bool:
+        result = lib.kernel_run(self.kernel, true_ns, robot, size)
+        if result < 0:
+            raise MemoryError(f"kernel_run({true_ns}): {result}")
+        return bool(result == lib.KERNEL_BYTES)
 
     @property
     def log(self) -> list[Record]:
@@ -269,44 +273,8 @@ class World:
         if not records or records[0].get("do") != "world":
             raise LocalError("a log begins with its world: give World.log as it was")
         world = cls(scenario.Scenario.of(records[0]["scenario"], records[0]["values"]), trace=records[0]["trace"])
-        world._repeat(records[1:])
+        repeat(world, records[1:])
         return world
-
-    def _repeat(self, records: list[Record]) -> None:
-        steps: list[tuple[int, int, Record]] = []
-        for record in records:
-            if record["do"] != "reads":
-                steps.append((record["t"], record["n"], record))
-                continue
-            robot = record["robot"]
-            steps.append((record["t"], record["n"], {"do": "hold", "robot": robot}))
-            for place, (t, n, size) in enumerate(record["reads"]):
-                last = record["all"] and place == len(record["reads"]) - 1
-                steps.append((t, n, {"do": "read", "robot": robot, "size": size, "last": last}))
-        held: set[int] = set()
-        for t, _, record in sorted(steps, key=lambda step: step[:2]):
-            self._read_along(t, held)
-            arguments = {key: value for key, value in record.items() if key not in ("t", "n", "do", "robot")}
-            robot = self.robots[record.get("robot", 0)]
-            if record["do"] == "hold":
-                robot.read()
-                held.add(robot.index)
-            elif record["do"] == "read":
-                robot.read(record["size"])
-                if record["last"]:
-                    held.discard(robot.index)
-            elif record["do"] != "end":
-                robot.repeat(record["do"], arguments)
-
-    def _read_along(self, until_ns: int, held: set[int]) -> None:
-        """Runs until then, reading so often that no host but the held ones holds up its robot."""
-        free = [robot for robot in self.robots if robot.index not in held]
-        # A host gets at most what the wire carries: as many steps as it takes to stay far from the limit.
-        step_ns = min((round(REPLAY_STEP_BYTES * NS / robot.settings.tcp.bytes_per_s) for robot in free), default=NS)
-        while self.now_ns < until_ns:
-            self.run_until(min(until_ns, self.now_ns + max(step_ns, 1000)))
-            for robot in free:
-                robot.read()
 
     def close(self) -> None:
         """Frees the kernel; truth and log stay readable. May be called again."""
