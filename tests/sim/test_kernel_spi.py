@@ -3,7 +3,7 @@
 from itertools import pairwise
 from typing import Any
 
-from kernel_rig import MS, SECOND, Rig, perfect
+from kernel_rig import MS, SECOND, Rig, faults, perfect
 
 from host.native import lib
 
@@ -88,7 +88,7 @@ def test_damage_is_counted_and_survived() -> None:
         counts = rig.counts(lib.WIRE_SPI_TO_ESP32)
         assert counts.flipped > 20
         assert counts.dropped > 20
-        lib.kernel_set_faults(rig.k, 0, lib.WIRE_SPI_TO_ESP32, with_spi(0).wires + lib.WIRE_SPI_TO_ESP32)
+        assert lib.kernel_set_faults(rig.k, 0, lib.WIRE_SPI_TO_ESP32, faults()) == 0
         before = lib.kernel_esp32(rig.k, 0).frames_forwarded
         rig.stream(7 * SECOND)
         assert lib.kernel_esp32(rig.k, 0).frames_forwarded >= before + 38  # of 40
