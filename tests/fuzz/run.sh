@@ -59,7 +59,7 @@ for target in "${targets[@]}"; do
     if ! "$out/$target" -seed=1 -max_total_time="$seconds" -timeout=10 -max_len=4096 -artifact_prefix="$out/$target-" \
         "$corpus" >"$out/$target.log" 2>&1; then
         cat "$out/$target.log"
-        finding=$(grep -o "$out/$target-[a-z]*-[0-9a-f]*" "$out/$target.log" | tail -1)
+        finding=$(grep -o "$out/$target-[a-z]*-[0-9a-f]*" "$out/$target.log" | tail -1 || true)
         echo "tests/fuzz: $target found a fault; to replay it: $out/$target $finding"
         exit 1
     fi
