@@ -20,4 +20,4 @@ SPINDECK_CFLAGS="$flags" SPINDECK_LDFLAGS="-fsanitize=address,undefined" \
 # exit would be reported as leaks.
 libraries="$(gcc -print-file-name=libasan.so) $(gcc -print-file-name=libubsan.so)"
 LD_PRELOAD="$libraries" ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONPATH="$copy" \
-    "$python" -m pytest -q -p no:cacheprovider -m "not slow_sanitized" "$@"
+    "$python" -m pytest -q -p no:cacheprovider "$@"

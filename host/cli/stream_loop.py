@@ -24,6 +24,7 @@ from .show import JsonLines, Terminal
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterator
 
     from host.link.ports import Stream
 
@@ -98,10 +99,26 @@ class Robot:
         return stamp_errors_us(self.stamped, self.world, self.stream.port.robot)
 
 
-def read(robot: Robot, events: queue.Queue[tuple[Robot, Event | None]], stop: threading.Event) -> None:
-    """The thread of one port: everything that comes, then None."""
+def wanted(events: Iterator[Event], count: int | None, duration_s: float | None) -> Iterator[Event]:
+    """The events up to the frame, or the time since the first event, that the user wants, and not one byte more."""
+    frames, first_ns = 0, None
+    for event in events:
+        yield event
+        first_ns = event.arrival_host_ns if first_ns is None else first_ns
+        frames += isinstance(event, Frame)
+        if frames == count or (duration_s is not None and event.arrival_host_ns - first_ns >= duration_s * 1e9):
+            return
+
+
+def read(
+    robot: Robot,
+    events: queue.Queue[tuple[Robot, Event | None]],
+    stop: threading.Event,
+    arguments: argparse.Namespace,
+) -> None:
+    """The thread of one port: everything that is wanted, then None."""
     try:
-        for event in robot.stream.events():
+        for event in wanted(robot.stream.events(), arguments.count, arguments.duration):
             while not stop.is_set():
                 with contextlib.suppress(queue.Full):
                     events.put((robot, event), timeout=REFRESH_S)
@@ -157,7 +174,7 @@ def pump(robots: list[Robot], arguments: argparse.Namespace, show: JsonLines | T
     """Runs the reading threads and takes what they bring. True if stopped by Ctrl-C."""
     events: queue.Queue[tuple[Robot, Event | None]] = queue.Queue(QUEUE_EVENTS)
     stop = threading.Event()
-    threads = [threading.Thread(target=read, args=(robot, events, stop), daemon=True) for robot in robots]
+    threads = [threading.Thread(target=read, args=(robot, events, stop, arguments), daemon=True) for robot in robots]
     for thread in threads:
         thread.start()
     refreshed = time.monotonic()
@@ -170,12 +187,9 @@ def pump(robots: list[Robot], arguments: argparse.Namespace, show: JsonLines | T
                 continue
             if event is None:
                 robot.ended = True
-            elif not robot.ended:
+            else:
                 robot.take(event)
                 show.event(event, robot.number)
-                robot.ended = (arguments.count is not None and robot.frames >= arguments.count) or (
-                    arguments.duration is not None and robot.seconds >= arguments.duration
-                )
             if time.monotonic() - refreshed >= REFRESH_S:
                 refreshed = time.monotonic()
                 show.refresh(robots)
