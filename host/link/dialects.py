@@ -83,7 +83,7 @@ class FrameNumbers:
             return
         left = max(0, skipped - failed)
         for cause, most in (
-            ("missing_data", headless - previous[2]),
+            ("missing_data", (headless - previous[2]) % WRAP),
             ("gap8_unsent", (gap8_unsent - previous[1]) % WRAP),
             ("esp32_dropped", self._esp32_credit),
             ("unexplained", left),

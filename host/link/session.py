@@ -170,7 +170,7 @@ class Session:
             frame.native = assemble.native_header(closed.header)
             frame.pairs = self._take_pairs()
             self._asking.arrived()
-            self._numbers.came(closed.header.frame, closed.header.frames_unsent, self._stream.headless_frames)
+            self._numbers.came(closed.header.frame, closed.header.frames_unsent, closed.headless)
         return frame
 
     def _lost_frame(self, cause: str, arrival_host_ns: int) -> LostFrame:

@@ -14,6 +14,7 @@ static void open_frame(stream_t *self, const stream_frame_t *frame) {
 }
 
 static void close_frame(stream_t *self) {
+    self->open.headless = self->headless_frames;
     self->closed = self->open;
     self->body = NULL;
     self->in_frame = false;
@@ -63,9 +64,14 @@ static void stock_header(stream_t *self, const image_stock_t *header, bool annou
     self->announced = announces;
 }
 
+static void overrun(stream_t *self) {
+    frames_lose(self, LOST_OVERRUN);
+    self->doubtful = true;
+}
+
 static void stock_body(stream_t *self, bytes_t data) {
     if (data.size > self->open.size - self->place) {
-        frames_lose(self, LOST_OVERRUN);
+        overrun(self);
         return;
     }
     memcpy(self->body + self->place, data.data, data.size);
@@ -113,7 +119,7 @@ static void native_data(stream_t *self, uint16_t frame_low, uint32_t offset, byt
         return;
     }
     if (offset > open->size || data.size > open->size - offset) {
-        frames_lose(self, LOST_OVERRUN);
+        overrun(self);
         return;
     }
     self->has_hole |= offset > self->place;

@@ -111,6 +111,7 @@ static void report_garbage(stream_t *self, uint64_t from, uint64_t to) {
 
 static void begin_hunt(stream_t *self, uint8_t cause) {
     self->hunting = true;
+    self->doubtful = false;
     self->hunt_from = self->base + self->last;
     self->garbage_from = self->base + self->at;
     self->at = self->last + 1;
@@ -156,8 +157,12 @@ static step_t step_tcp(stream_t *self, bytes_t in, bool ended) {
     const size_t left = in.size - self->at;
     cpx_route_t route;
     cpx_route_t behind;
-    if (left < HEADER_BYTES) {
+    if (left == 0 || (left < HEADER_BYTES && !ended)) {
         return MORE;
+    }
+    if (left < HEADER_BYTES) {
+        begin_hunt(self, LOST_DISCONNECTED);
+        return GO;
     }
     const bool believed = plausible(here, &route);
     const size_t size = packet_bytes(here);
@@ -178,6 +183,9 @@ static step_t step_tcp(stream_t *self, bytes_t in, bool ended) {
     } else {
         const cpx_packet_t packet = {route, {here + HEADER_BYTES, size - HEADER_BYTES}};
         frames_packet(self, &packet, self->base + self->last);
+        if (self->doubtful) {
+            begin_hunt(self, LOST_GARBAGE);
+        }
     }
     return GO;
 }
@@ -302,11 +310,13 @@ bool stream_finish(stream_t *self) {
     }
     const uint64_t end = self->base + left.size;
     const uint64_t from = self->hunting ? self->garbage_from : self->base + self->at;
-    if (from < end) {
-        report_garbage(self, from, end);
+    report_garbage(self, from, end);
+    if (self->framing == STREAM_CPX_UART) {
+        const uint32_t waiting = (uint32_t)(self->uart.rx_fill - self->uart.rx_taken);
+        report_line_garbage(self, self->uart.garbage_bytes + waiting, end, true);
+    } else if (self->framing == STREAM_STAMPS) {
+        report_line_garbage(self, self->stamps.garbage_bytes + self->stamps.fill, end, true);
     }
-    report_line_garbage(self, self->uart.garbage_bytes + self->uart.rx_fill - self->uart.rx_taken, end, true);
-    report_line_garbage(self, self->stamps.garbage_bytes + self->stamps.fill, end, true);
     frames_lose(self, LOST_DISCONNECTED);
     self->window_fill = 0;
     return false;

@@ -67,6 +67,7 @@ typedef struct {
     uint8_t type; ///< IMAGE_RAW or IMAGE_JPEG
     uint32_t size;
     uint32_t received;     ///< bytes of the body
+    uint32_t headless;     ///< native: stream_t.headless_frames when it closed
     native_frame_t header; ///< native only
 } stream_frame_t;
 
@@ -84,6 +85,7 @@ typedef struct {
     bool in_frame;  ///< `open` is under way
     bool has_hole;  ///< a native piece of `open` is missing
     bool strays;    ///< a stock frame was lost: what follows, until a header, is the rest of it
+    bool doubtful;  ///< the packet just taken contradicts what was announced: its length may be wrong
     bool announced;
     bool resuming;  ///< the last call returned true
     bool in_window; ///< `at` and `last` are places in the window, not in the caller's bytes
@@ -110,7 +112,7 @@ typedef struct {
     uint64_t unknown_function;
     uint64_t garbage_bytes;
     uint64_t stray_packets;   ///< pieces of images that have no frame to go to
-    uint64_t headless_frames; ///< native frames of which data came and no header
+    uint32_t headless_frames; ///< native frames of which data came and no header
     uint64_t bad_messages;    ///< native messages that cannot be decoded
 } stream_t;
 
