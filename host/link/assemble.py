@@ -141,5 +141,6 @@ def counters(stream: Any) -> SessionCounters:
         stamps=stream.stamps.received,
         bad_check=stream.uart.bad_check + stream.stamps.bad_check,
         bad_length=stream.uart.bad_length,
+        credits=stream.uart.credits_in,
         gaps=stream.uart.gaps,
     )

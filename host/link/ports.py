@@ -317,6 +317,8 @@ class Stream:
         packets = sum(counters.packets.values()) + counters.stamps
         if counters.bytes == 0:
             return f"not a byte in {seconds:.1f} s: is the robot on, is the wire the right one?"
+        if packets == 0 and counters.credits > 0:
+            return f"the ESP32 is there ({counters.credits} credits), and not one packet in {seconds:.1f} s"
         if packets == 0:
             return f"{counters.bytes} bytes and no packet in them: wrong framing or baud rate?"
         if counters.bytes == self._alive_bytes:

@@ -205,6 +205,8 @@ class SessionCounters:
     """Packets (CPX over UART) or stamp messages with a wrong checksum."""
     bad_length: int = 0
     """CPX over UART: a length byte out of range."""
+    credits: int = 0
+    """CPX over UART: heard from the other end."""
     gaps: int = 0
     """CPX over UART: packets that stopped half-way."""
 

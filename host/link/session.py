@@ -21,6 +21,8 @@ Framing = Literal["tcp", "cpx-uart", "stamps"]
 FRAMINGS = {"tcp": lib.STREAM_TCP, "cpx-uart": lib.STREAM_CPX_UART, "stamps": lib.STREAM_STAMPS}
 SEND_PACKETS = 16
 """Waiting for the line, at most."""
+LINE_OUT_MAX = 512
+"""Bytes for a UART that the caller has not fetched, about."""
 PAIRS_KEPT = 8192
 """Waiting for a frame to carry them, at most: 80 s of them."""
 
@@ -48,7 +50,8 @@ class Session:
         self._asking = Asking("stock" if framing == "stamps" else dialect)
         self._to_send: deque[CpxPacket] = deque()
         self._heard_ns: int | None = None
-        self._silent_us = 0
+        self._line_us = 0
+        self._line_out = b""
         self._pairs: list[NDArray[np.void]] = []
         self._pairs_waiting = 0
         self._pairs_received = 0
@@ -59,11 +62,14 @@ class Session:
         """The events that these bytes complete, in their order."""
         events: list[Event] = []
         stream, size = self._stream, len(data)
+        # Bytes in the middle of a packet may have waited for this read: that is no silence on the line.
+        self._pass_time(arrival_host_ns, stream.uart.rx_fill == stream.uart.rx_taken)
+        if self.framing == "cpx-uart" and len(self._line_out) < LINE_OUT_MAX:
+            self._line_out += self._uart_to_send()  # what fell due before these bytes came
         source = ffi.from_buffer("uint8_t[]", data)
-        while lib.stream_push(stream, source, size, self._silent_us):
+        while lib.stream_push(stream, source, size, self._line_us):
             self._collect(events, arrival_host_ns)
         self._collect(events, arrival_host_ns)
-        self._heard_ns = arrival_host_ns
         if self._asking.wanted:
             self._ask(arrival_host_ns)
         return events
@@ -71,9 +77,7 @@ class Session:
     def tick(self, now_ns: int) -> None:
         """Nothing has come until now. Lets requests and credits be repeated, and packets that stopped half-way be
         given up: call it after each read that timed out."""
-        if self._heard_ns is not None:
-            self._silent_us += max(0, now_ns - self._heard_ns) // 1000
-        self._heard_ns = now_ns
+        self._pass_time(now_ns, True)
         self._ask(now_ns)
 
     def finish(self, arrival_host_ns: int | None = None) -> list[Event]:
@@ -95,7 +99,8 @@ class Session:
         if self._asking.wanted:
             self._ask(None)
         if self.framing == "cpx-uart":
-            return self._uart_to_send()
+            out, self._line_out = self._line_out + self._uart_to_send(), b""
+            return out
         if not self._to_send:
             return b""
         out = b"".join(encode_cpx_tcp(packet) for packet in self._to_send)
@@ -120,6 +125,11 @@ class Session:
         if self._pairs_lost_gap8 is not None:
             counters.pairs_lost += self._pairs_lost_gap8[1] - self._pairs_lost_gap8[0]
         return counters
+
+    def _pass_time(self, now_ns: int, on_line: bool) -> None:
+        if on_line and self._heard_ns is not None:
+            self._line_us += max(0, now_ns - self._heard_ns) // 1000
+        self._heard_ns = now_ns
 
     def _collect(self, events: list[Event], arrival_host_ns: int) -> None:
         for event in self._reported[: self._stream.event_count]:
@@ -226,7 +236,7 @@ class Session:
         out = ffi.new("uint8_t[]", 2 * lib.CPX_UART_FRAME_MAX)
         if self._to_send and self._uart_takes(self._to_send[0]):
             self._to_send.popleft()
-        size = lib.stream_transmit(self._stream, out, len(out), self._silent_us)
+        size = lib.stream_transmit(self._stream, out, len(out), self._line_us)
         return bytes(ffi.buffer(out, size))
 
     def _uart_takes(self, packet: CpxPacket) -> bool:

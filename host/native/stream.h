@@ -120,7 +120,7 @@ void stream_init(stream_t *self, uint8_t framing);
 
 /// Takes `size` bytes. True: there is more in them; look at the events, give the memory asked for, and call
 /// again with the same bytes. False: all are taken, look at the events. `now_us` only serves CPX over UART:
-/// time that has passed in silence.
+/// time on the line, less what bytes in the middle of a packet have waited for the caller.
 bool stream_push(stream_t *self, const uint8_t *in, size_t size, uint64_t now_us);
 
 /// The stream has ended: judges what is left. True as above. Afterwards only stream_init.

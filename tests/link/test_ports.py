@@ -202,6 +202,18 @@ def test_a_serial_line() -> None:
         os.close(slave)
 
 
+def test_a_line_with_credits_only() -> None:
+    master, slave = pty.openpty()
+    try:
+        with host.open(os.ttyname(slave), timeout=0.5) as stream:
+            os.write(master, b"\xff\x00" * 3)
+            with pytest.raises(PeerError, match="3 credits"):
+                list(stream)
+    finally:
+        os.close(slave)
+        os.close(master)
+
+
 def test_two_programs_do_not_share_a_serial_line() -> None:
     master, slave = pty.openpty()
     try:

@@ -88,6 +88,15 @@ def test_credits_are_given_in_every_dialect_and_repeated_in_silence() -> None:
     assert session.data_to_send() == CREDIT
 
 
+def test_credits_are_repeated_while_only_credits_come() -> None:
+    session = Session("cpx-uart", "stock")
+    sent = b""
+    for now in range(0, 1_000_000_000, 100_000_000):
+        session.receive(CREDIT, now)
+        sent += session.data_to_send()
+    assert len(sent) // 2 >= 8
+
+
 def test_a_late_reader_does_not_give_up_a_packet() -> None:
     session = Session("cpx-uart", "stock")
     console = uart(b"slow\0", GAP8_TO_HOST_CONSOLE)
