@@ -22,10 +22,14 @@ RULES: list[tuple[str, set[str], set[str]]] = [
     ("host.protocol.errors", set(), IO | {"numpy"}),
     ("host.protocol.spec", {"host.protocol.spec"}, IO | {"numpy"}),
     ("host.protocol", {"host.protocol.packets", "host.protocol.codec", "host.protocol.errors", "host.native"}, IO),
-    ("host.link.ports", {"host.link", "host.protocol", "host.native"}, set()),
+    *(
+        (f"host.link.{name}", {"host.link", "host.protocol", "host.native"}, set())
+        for name in ("ports", "recording", "recover", "replay", "serial")
+    ),
     (
         "host.link",
-        {"host.link.records", "host.link.assemble", "host.link.dialects", "host.protocol", "host.native"},
+        {"host.link.records", "host.link.assemble", "host.link.dialects", "host.protocol", "host.native"}
+        | {"host.link.mcap", "host.link.mcap_summary", "host.link.foxglove"},
         IO,
     ),
     ("host.cli", {"host", "sim"}, set()),

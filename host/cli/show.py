@@ -115,6 +115,10 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
         f"bytes       {summary['bytes']}",
         f"lost        {lost}" + (f"; {summary['garbage_bytes']} garbage bytes" if summary["garbage_bytes"] else ""),
     ]
+    if summary["recorded"]:
+        missing = {what: count for what, count in summary["recorded"]["missing"].items() if count}
+        slow = "; THE DISK WAS TOO SLOW, missing: " + ", ".join(f"{count} {what}" for what, count in missing.items())
+        lines.append(f"recorded    {summary['recorded']['file']}" + (slow if missing else ""))
     error = summary["stamp_error_us"]
     if error:
         lines.append(

@@ -15,10 +15,12 @@ ports:
   /dev/ttyUSB0, COM3          a serial adapter: CPX over UART2, or --framing stamps for a tap on UART1
   rfc2217://HOST:PORT         a serial adapter on another machine
   sim://SCENARIO?key=value&…  the simulator: hover, lossy, swarm, …; keys in docs/SCENARIOS.md
+  replay://FILE?rate=2&…      a recording: keys rate, loop, start, robot, pace; see host replay --help
 
 examples:
   host stream --port "sim://hover?gap8_ppm=80&uart1_loss=0.2&seed=7" --count 50
   host stream --port socket://192.168.4.1:5000 --images flight1
+  host stream --port socket://192.168.4.1:5000 --record flight1.mcap
   host stream --port "sim://swarm?robot=0" --port "sim://swarm?robot=1" --json
 """
 
@@ -61,6 +63,12 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--timeout", type=positive(float), default=10.0, metavar="S", help="give up after S silent seconds (default 10)"
     )
     add("--images", metavar="DIR", help="keep every frame: one picture each, and frames.jsonl; DIR new or empty")
+    add("--record", metavar="FILE", help="keep everything, bytes included, in a new MCAP file: host replay plays it")
+    add(
+        "--record-without",
+        choices=["images", "raw"],
+        help="halve the file: images are in the raw bytes too (Foxglove shows none then); without raw, no replay",
+    )
     add("--picture", metavar="FILE", help="where the last frame goes as PNG (default on a terminal: a temporary file)")
     add("--camera", metavar="PATH", help="what a simulated camera sees: a PGM, PPM or PNG file, or a folder of them")
     add("--json", action="store_true", help="JSON lines on stdout, also on a terminal")

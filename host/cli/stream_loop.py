@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from host.link.ports import Stream
+    from host.link.recording import Track
 
 QUEUE_EVENTS = 64
 REFRESH_S = 0.2
@@ -40,6 +41,7 @@ class Robot:
     port: str
     stream: Stream
     keeper: Keeper | None = None
+    track: Track | None = None
     frames: int = 0
     first_ns: int | None = None
     last_ns: int = 0
@@ -87,6 +89,7 @@ class Robot:
             "frames_lost": {cause: count for cause, count in counters.frames_lost.items() if count},
             "garbage_bytes": counters.garbage_bytes,
             "stamp_error_us": self.stamp_error_us(),
+            "recorded": None if self.track is None else self.track.summary(),
             "error": None if self.error is None else str(self.error),
         }
 
@@ -157,6 +160,8 @@ def stream(arguments: argparse.Namespace, as_json: bool) -> int:
             for robot in robots:
                 robot.keeper = Keeper(folder / f"robot{robot.number}" if len(robots) > 1 else folder, robot.number)
                 open_things.callback(robot.keeper.close)
+        if arguments.record:
+            record(robots, arguments, open_things)
         show: JsonLines | Terminal = JsonLines() if as_json else Terminal(robots)
         open_things.enter_context(show)
         interrupted = pump(robots, arguments, show)
@@ -164,10 +169,21 @@ def stream(arguments: argparse.Namespace, as_json: bool) -> int:
     show.finish(robots, picture)
     for robot in robots:
         if robot.error is not None:
-            raise robot.error if len(robots) == 1 else PeerError(f"{robot.port}: {robot.error}")
+            raise robot.error if len(robots) == 1 else type(robot.error)(f"{robot.port}: {robot.error}")
     if interrupted and not any(robot.frames or robot.last_ns for robot in robots):
         raise PeerError("stopped before anything was received")
     return 0
+
+
+def record(robots: list[Robot], arguments: argparse.Namespace, open_things: contextlib.ExitStack) -> None:
+    """From now on all that the robots receive and send goes into one file."""
+    from ..link.recording import Recorder
+
+    recorder = Recorder(arguments.record, arguments.record_without)
+    open_things.callback(recorder.close)
+    for robot in robots:
+        robot.track = recorder.track(robot.number, robot.stream.port, arguments.dialect)
+        robot.stream.tap = robot.track
 
 
 def pump(robots: list[Robot], arguments: argparse.Namespace, show: JsonLines | Terminal) -> bool:

@@ -54,6 +54,19 @@ class Port(Protocol):
         """At once, and for good."""
 
 
+class Tap(Protocol):
+    """Is shown everything that passes, in its order, by the thread that reads."""
+
+    def received(self, data: bytes | memoryview, arrival_host_ns: int) -> None:
+        """What one read gave: valid until this returns."""
+
+    def sent(self, data: bytes, now_ns: int) -> None:
+        """What was handed to the port."""
+
+    def event(self, event: Event) -> None:
+        """What the session made of it."""
+
+
 class SocketPort:
     """The robot's TCP server. Reads go into one buffer that is used again: no allocation, and it stays in the cache."""
 
@@ -241,6 +254,7 @@ class Stream:
 
     def __init__(self, port: Port, session: Session, timeout: float | None) -> None:
         self.port = port
+        self.tap: Tap | None = None
         self._session = session
         self._timeout_ns = None if timeout is None else int(timeout * 1e9)
         self._alive_ns: int | None = None
@@ -274,14 +288,22 @@ class Stream:
             if data is None:
                 session.tick(now)
             elif len(data) > 0:
+                if self.tap is not None:
+                    self.tap.received(data, now)
                 events = session.receive(data, now)
             else:
                 self.close()
-                yield from session.finish(now)
+                yield from self._shown(session.finish(now))
                 return
             self._send()
-            yield from events
+            yield from self._shown(events)
             self._judge_silence(events, now)
+
+    def _shown(self, events: list[Event]) -> Iterator[Event]:
+        for event in events:
+            if self.tap is not None:
+                self.tap.event(event)
+            yield event
 
     @property
     def counters(self) -> SessionCounters:
@@ -304,6 +326,8 @@ class Stream:
             with self._reading:
                 if not self._closed:
                     self.port.write(data)
+                    if self.tap is not None:
+                        self.tap.sent(data, self.port.clock_ns())
 
     def _judge_silence(self, events: list[Event], now_ns: int) -> None:
         if self._alive_ns is None or any(type(event) in ALIVE for event in events):
