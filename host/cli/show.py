@@ -119,6 +119,8 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
         missing = {what: count for what, count in summary["recorded"]["missing"].items() if count}
         slow = "; THE DISK WAS TOO SLOW, missing: " + ", ".join(f"{count} {what}" for what, count in missing.items())
         lines.append(f"recorded    {summary['recorded']['file']}" + (slow if missing else ""))
+    if summary["stamps"]:
+        lines.append(f"stamps      {summary['stamps']} messages of the STM32")
     error = summary["stamp_error_us"]
     if error:
         lines.append(

@@ -49,7 +49,8 @@ class Robot:
     stamped: list[tuple[int, int, int]] = field(default_factory=list)
     """(frame, frame_gap8_us, frame_stm32_us) of the frames with an estimate, kept where there is a truth to compare."""
     ended: bool = False
-    error: SpindeckError | None = None
+    error: Exception | None = None
+    """What ended its thread; anything but a SpindeckError is a bug and is raised as it is."""
 
     def take(self, event: Event) -> None:
         """Counts one event and keeps what is to be kept."""
@@ -88,6 +89,7 @@ class Robot:
             "bytes": counters.bytes,
             "frames_lost": {cause: count for cause, count in counters.frames_lost.items() if count},
             "garbage_bytes": counters.garbage_bytes,
+            "stamps": counters.stamps + counters.pairs,
             "stamp_error_us": self.stamp_error_us(),
             "recorded": None if self.track is None else self.track.summary(),
             "error": None if self.error is None else str(self.error),
@@ -128,7 +130,7 @@ def read(
                     break
             if stop.is_set():
                 return
-    except SpindeckError as error:
+    except Exception as error:  # handed to the main thread, which raises it
         robot.error = error
     finally:
         while not stop.is_set():
@@ -168,10 +170,13 @@ def stream(arguments: argparse.Namespace, as_json: bool) -> int:
     picture = save_last(robots, arguments.picture, as_json)
     show.finish(robots, picture)
     for robot in robots:
+        if isinstance(robot.error, SpindeckError) and len(robots) > 1:
+            raise type(robot.error)(f"{robot.port}: {robot.error}")
         if robot.error is not None:
-            raise robot.error if len(robots) == 1 else type(robot.error)(f"{robot.port}: {robot.error}")
-    if interrupted and not any(robot.frames or robot.last_ns for robot in robots):
-        raise PeerError("stopped before anything was received")
+            raise robot.error
+        if robot.first_ns is None:
+            ended = "stopped" if interrupted else robot.stream.port.ended or "the stream ended"
+            raise PeerError(f"{robot.port}: {ended} before anything was received")
     return 0
 
 
