@@ -41,8 +41,9 @@ class Port(Protocol):
     ended: str
     """Why the last read said that it was the end."""
 
-    def read(self) -> bytes | memoryview | None:
-        """What has come: valid until the next read. None: nothing for POLL_S. Empty: nothing ever will again."""
+    def read(self, wanted: int) -> bytes | memoryview | None:
+        """What has come: valid until the next read. None: nothing for POLL_S. Empty: nothing ever will again.
+        A slow line waits until there are `wanted` bytes, or less after POLL_S; more are taken if they are there."""
 
     def write(self, data: bytes) -> None:
         """Sends, or keeps what the line does not take now until the next call."""
@@ -81,7 +82,7 @@ class SocketPort:
         self._buffer = memoryview(bytearray(RECEIVE_BYTES))
         self._unsent = b""
 
-    def read(self) -> memoryview | None:
+    def read(self, wanted: int) -> memoryview | None:
         try:
             size = self._socket.recv_into(self._buffer)
         except TimeoutError:
@@ -123,11 +124,11 @@ class SerialPort:
         self._port = port
         self._unsent = b""
 
-    def read(self) -> bytes | None:
+    def read(self, wanted: int) -> bytes | None:
         from serial import SerialException
 
         try:
-            data: bytes = self._port.read(1)
+            data: bytes = self._port.read(wanted)
             waiting = self._port.in_waiting if data else 0
             if waiting:
                 data += self._port.read(waiting)
@@ -282,7 +283,7 @@ class Stream:
             with self._reading:
                 if self._closed:
                     return
-                data = port.read()
+                data = port.read(session.bytes_wanted)
                 now = port.clock_ns()
             events: list[Event] = []
             if data is None:

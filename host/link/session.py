@@ -113,6 +113,18 @@ class Session:
         return int(self._stream.bytes)
 
     @property
+    def bytes_wanted(self) -> int:
+        """The next bytes mean nothing before so many have come: what a slow port may wait for."""
+        if self.framing == "cpx-uart":
+            uart = self._stream.uart
+            waiting = uart.rx_fill - uart.rx_taken
+            size = 2 if waiting < 2 else 3 + uart.rx[uart.rx_taken + 1]  # a credit; start, length, check and the rest
+            return int(max(1, size - waiting))
+        if self.framing == "stamps":
+            return int(lib.STAMP_BYTES - self._stream.stamps.fill)
+        return 1
+
+    @property
     def counters(self) -> SessionCounters:
         """What was counted so far."""
         counters = assemble.counters(self._stream)

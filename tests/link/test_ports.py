@@ -18,7 +18,6 @@ import pytest
 from made_streams import ANNOUNCING, GAP8_TO_HOST_CONSOLE, native, packet, pixels, stock, uart, uart_pieces
 
 import host
-from host.link import ports
 from host.protocol.errors import LocalError, PeerError
 
 BODY = pixels(60, 50, 1)
@@ -122,7 +121,12 @@ def test_camera_settings_are_sent_while_reading() -> None:
 
 def test_close_from_another_thread_ends_an_iteration_that_waits() -> None:
     done = threading.Event()
-    with server(lambda to: (to.sendall(FRAME), done.wait(10))[0]) as url:
+
+    def serve(to: socket.socket) -> None:
+        to.sendall(FRAME)
+        done.wait(10)
+
+    with server(serve) as url:
         stream = host.open(url)
         frames: list[host.Frame] = []
         reader = threading.Thread(target=lambda: frames.extend(stream))
@@ -277,7 +281,7 @@ def test_unreachable(monkeypatch: pytest.MonkeyPatch) -> None:
     def silent(*_: Any, **__: Any) -> None:
         raise TimeoutError("timed out")
 
-    monkeypatch.setattr(ports.socket, "create_connection", silent)
+    monkeypatch.setattr(socket, "create_connection", silent)
     with pytest.raises(LocalError, match="Wi-Fi network"):
         host.open("socket://192.168.4.1")
 

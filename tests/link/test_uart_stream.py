@@ -148,3 +148,21 @@ def test_stamps_with_noise_between_them_at_every_cut() -> None:
     assert session.counters.bad_check >= 2
     for cut in range(1, len(stream)):
         assert comparable(received(stream, [cut], framing="stamps")[0]) == comparable(whole)
+
+
+def test_reading_no_more_than_is_wanted_never_waits_for_what_is_not_sent() -> None:
+    """A peer that waits for its credit sends nothing more: the next `bytes_wanted` must all be under way."""
+    parts = [CREDIT, uart(b"hi\0", GAP8_TO_HOST_CONSOLE), *NATIVE[0], CREDIT]
+    session = Session("cpx-uart", "stock")
+    got = []
+    reads = 0
+    for part in parts:
+        at = 0
+        while at < len(part):
+            wanted = session.bytes_wanted
+            assert 1 <= wanted <= len(part) - at
+            got += session.receive(part[at : at + wanted], 1)
+            at += wanted
+            reads += 1
+    assert bodies(got) == [BODY]
+    assert reads <= 2 * len(parts)
