@@ -76,9 +76,13 @@ class World:
         *,
         trace: Trace = "off",
         lock: AbstractContextManager[Any] | None = None,
+        keep_log: bool = True,
         **overrides: object,
     ) -> None:
-        """A scenario, or its name and keys that override it. LocalError if it is impossible."""
+        """A scenario, or its name and keys that override it. LocalError if it is impossible.
+
+        A world that runs for days is better off with keep_log=False: a log grows with all that the host sends.
+        """
         source = scenario.load(source, **overrides) if isinstance(source, str) else source.changed(overrides)
         if trace not in TRACES:
             raise LocalError(f"trace={trace}: allowed is {' | '.join(TRACES)}")
@@ -94,7 +98,9 @@ class World:
         self._kernel = Kernel(source.seed)
         lib.kernel_trace(self.kernel, TRACES[trace])
         self.robots = tuple(self._add(index, settings) for index, settings in enumerate(source.robots))
-        self._journal = Journal([configure.unread_bytes_max(robot.settings) for robot in self.robots])
+        self._journal = (
+            Journal([configure.unread_bytes_max(robot.settings) for robot in self.robots]) if keep_log else None
+        )
         self._receivers: list[Receiver] = []
         self._closed_log: list[Record] | None = None
 
@@ -232,12 +238,14 @@ class World:
 
         Without that, a later run(0) would make a difference, which no log tells.
         """
-        self._journal.add(self.now_ns, do, **arguments)
+        if self._journal is not None:
+            self._journal.add(self.now_ns, do, **arguments)
         self._settle()
 
     def did_read(self, robot: int, available: int, size: int) -> None:
         """Likewise, after a host has read."""
-        self._journal.read(self.now_ns, robot, available, size)
+        if self._journal is not None:
+            self._journal.read(self.now_ns, robot, available, size)
         self._settle()
 
     def _settle(self) -> None:
@@ -255,6 +263,8 @@ class World:
         with self.lock:
             if self._closed_log is not None:
                 return self._closed_log
+            if self._journal is None:
+                raise LocalError("this world keeps no log: make it with World(..., keep_log=True)")
             available = [robot.available for robot in self.robots]
             first = {
                 "t": 0,
@@ -282,7 +292,7 @@ class World:
             if self.closed:
                 return
             self._keep_truth(now=True)
-            self._closed_log = self.log
+            self._closed_log = None if self._journal is None else self.log
             self._kernel.free()
             self._pictures.clear()
             self._buffers.clear()
