@@ -45,8 +45,8 @@ def capture(app: App, body: bytes, up_us: int = 0, stamp_us: int | None = None) 
 
 def sent(app: App, up_us: int = 0) -> list[bytes]:
     """All packets that wait for SPI, without their length."""
-    packets = []
-    while window := app.transmit("SPI", up_us):
+    packets: list[bytes] = []
+    while (window := app.transmit("SPI", up_us)) and len(packets) < 10_000:
         assert struct.unpack("<H", window[:2])[0] == len(window) - 2
         packets.append(window[2:])
     return packets

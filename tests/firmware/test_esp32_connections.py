@@ -94,6 +94,17 @@ def test_an_image_packet_cut_by_the_end_of_a_connection_is_forgotten() -> None:
     assert from_tcp(app) == frame
 
 
+def test_a_queued_packet_cut_by_the_end_of_a_connection_is_forgotten() -> None:
+    app = esp32()
+    give(app, "UART2", cpx(STM32, HOST, CRTP, b"old"))
+    app.transmit("TCP", 0, size=3)
+    app.receive("NETWORK", CLIENT_GONE, 0)
+    app.receive("NETWORK", CLIENT, 0)
+    packet = cpx(STM32, HOST, CRTP, b"new")
+    give(app, "UART2", packet)
+    assert from_tcp(app) == [packet]
+
+
 def test_an_answer_that_waited_for_the_old_client_is_not_given_to_the_next() -> None:
     app = esp32()
     for n in range(16):

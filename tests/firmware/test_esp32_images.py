@@ -1,15 +1,20 @@
 """The image stream through the ESP32: whole frames or none, and never in the way of other packets."""
 
 import random
+import struct
 
 import pytest
 from board import (
     APP,
+    CONSOLE,
     CRTP,
     GAP8,
     HOST,
     STM32,
+    TEST,
+    App,
     cpx,
+    link,
     unlink,
 )
 from esp32_rig import (
@@ -23,6 +28,8 @@ from esp32_rig import (
     native_frame,
     stock_frame,
 )
+
+RING_BYTES = 114688
 
 
 @pytest.mark.parametrize("size", [7, 1440, 65535])
@@ -185,3 +192,70 @@ def test_a_frame_in_smaller_packets_than_asked_for_is_cut_when_the_ring_is_full(
     following = native_frame(1000, 2, 0, 100)
     give_all(app, following)
     assert from_tcp(app) == following
+
+
+LOOK_ALIKES = {
+    "stock header": stock_frame(9, 9)[0][2:],
+    "native frame": native_frame(9)[0][2:],
+    "reply": b"\x4e\x05\x10\x00",
+    "pairs": native_frame(9, pairs=1)[1][2:],
+    "native data": native_frame(9)[1][2:],
+}
+
+
+@pytest.mark.parametrize("alike", LOOK_ALIKES.values(), ids=LOOK_ALIKES.keys())
+def test_a_stock_body_may_look_like_anything(alike: bytes) -> None:
+    app = esp32()
+    body = alike.ljust(1020, b"x") + alike
+    header = struct.pack("<BHHBBI", 0xBC, 324, 324, 1, 1, len(body))
+    frame = [cpx(GAP8, HOST, APP, data) for data in (header, body[:1020], body[1020:])]
+    other = cpx(GAP8, HOST, CONSOLE, b"between")
+    give_all(app, [*frame, other])
+    assert from_tcp(app) == [other, *frame]
+    assert (app.frames_forwarded, app.frames_cut, app.packets_dropped) == (1, 0, 0)
+
+
+def jpeg_frame(size: int) -> list[bytes]:
+    """With its file header and footer in packets of their own."""
+    header = struct.pack("<BHHBBI", 0xBC, 324, 324, 1, 1, size)
+    parts = [b"h" * 300, *(b"d" * min(1020, size - 302 - at) for at in range(0, size - 302, 1020)), b"\xff\xd9"]
+    return [cpx(GAP8, HOST, APP, data) for data in (header, *parts)]
+
+
+@pytest.mark.parametrize("short", [0, 1, 8])
+def test_a_jpeg_that_would_just_not_fit_is_dropped_whole(short: int) -> None:
+    app = esp32()
+    jpeg = jpeg_frame(10_600)
+    fill_ring(app, sum(map(len, map(link, jpeg))) - short)
+    give_all(app, jpeg)
+    assert (app.frames_forwarded, app.frames_dropped, app.frames_cut) == ((2, 0, 0) if short == 0 else (1, 1, 0))
+
+
+def test_a_native_frame_leaves_room_for_pairs() -> None:
+    frame = native_frame(1000)
+    needed = sum(map(len, map(link, frame)))
+    for spare, taken in ((4096, True), (4095, False)):
+        app = esp32()
+        fill_ring(app, needed + spare)
+        give_all(app, frame)
+        assert app.frames_dropped == (not taken)
+
+
+def fill_ring(app: App, free: int) -> None:
+    """Leaves `free` bytes of the ring, by one frame."""
+    wanted = RING_BYTES - app.image_fill - free - 15
+    body = wanted - 4 * -(-wanted // 1024)
+    header = struct.pack("<BHHBBI", 0xBC, 324, 324, 1, 1, body)
+    give(app, "SPI", cpx(GAP8, HOST, APP, header))
+    for at in range(0, body, 1020):
+        give(app, "SPI", cpx(GAP8, HOST, APP, bytes(min(1020, body - at))))
+    assert RING_BYTES - app.image_fill == free
+
+
+def test_a_packet_cut_on_tcp_does_not_stop_uart2() -> None:
+    app = esp32()
+    give_all(app, stock_frame(324, 244))
+    app.transmit("TCP", 0, size=500)
+    packet = cpx(HOST, STM32, TEST, b"\x01")
+    give(app, "TCP", packet)
+    assert app.uart_packets(0) == [packet]

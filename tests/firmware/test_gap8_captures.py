@@ -171,3 +171,15 @@ def test_being_told_again_that_a_client_is_there_changes_nothing() -> None:
 def test_a_configuration_out_of_range_is_refused(config: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="-5"):
         gap8(**config)
+
+
+def test_a_new_client_begins_with_a_whole_burst() -> None:
+    app = gap8(camera={"burst": 3, "frame_period_us": 100_000})
+    app.transmit("CAMERA", 0)
+    app.receive("SPI", GONE, 1)
+    app.receive("CAMERA", bytes(2400), 2)
+    app.receive("SPI", CONNECTED, 3)
+    for _ in range(3):
+        capture(app, bytes(2400), 4)
+    assert app.transmit("CAMERA", 5) == b""
+    assert app.deadline() == 100_003

@@ -249,3 +249,13 @@ def test_nothing_configured_waits_for_nothing_but_credits() -> None:
     app = quiet()
     assert app.deadline() == 100_000
     assert app.deadline() < NEVER_US
+
+
+def test_what_a_timer_queues_while_uart1_is_served_does_not_wait() -> None:
+    app = quiet(crtp_period_us=5000)
+    app.receive("UART2", CREDIT, 0)
+    app.receive("UART2", uart(cpx(HOST, STM32, SYSTEM, b"\x21\x01")), 0)
+    app.uart_packets(0)
+    app.transmit("UART1", 5000)
+    assert app.deadline() <= 5000
+    assert app.uart_packets(5000) == [cpx(STM32, HOST, CRTP, b"\0crtp 1\n", last=0)]
