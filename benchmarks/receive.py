@@ -3,7 +3,7 @@
 The sender is another process with prepared bytes. The bound is a bare recv_into of the same bytes, measured in turn
 with it: the best of some rounds each. Then a long run, to see that memory stays flat.
 
-    python benchmarks/receive.py [--frames 6000] [--rounds 5] [--long 10000] [--json]
+    python benchmarks/receive.py [--frames 6000] [--rounds 9] [--long 10000] [--json]
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def measure(frames: int, rounds: int, long: int) -> dict[str, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=6000)
-    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--long", type=int, default=10_000)
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
