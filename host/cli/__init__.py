@@ -13,7 +13,7 @@ import sys
 from collections.abc import Sequence
 
 from ..protocol.errors import LocalError, PeerError
-from . import sim, stream
+from . import recover, replay, sim, stream
 
 EXIT_LOCAL = 2
 EXIT_PEER = 3
@@ -37,6 +37,8 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="store_true", help="print the version and exit")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", title="commands")
     stream.add_parser(commands)
+    replay.add_parser(commands)
+    recover.add_parser(commands)
     sim.add_parser(commands)
     return top
 

@@ -26,6 +26,8 @@ RECEIVE_BYTES = 1 << 18
 TCP_PORT = 5000
 ALIVE = (Frame, LostFrame, Stamp)
 """What a robot is there for: without any of these it is called silent, whatever else it sends."""
+HANDLERS = ("sim.serial", "host.link.serial")
+"""Where pyserial finds sim:// and replay://."""
 BAUD: dict[str, int] = {"cpx-uart": 576_000, "stamps": 115_200, "tcp": 576_000}
 
 
@@ -120,6 +122,10 @@ class SerialPort:
         self.ended = ""
         self.world = getattr(port, "world", None)
         self.robot = getattr(port, "robot", None)
+        self.epoch_ns: int | None = getattr(port, "epoch_ns", None)
+        """Of a replay: what its recording added to clock_ns() to get dates."""
+        self.dialect: Dialect = getattr(port, "dialect", "auto")
+        """Of a replay: the one that it was recorded with."""
         self.clock_ns: Callable[[], int] = getattr(port, "clock_ns", time.monotonic_ns)
         self._port = port
         self._unsent = b""
@@ -212,8 +218,9 @@ def open_serial(url: str, scheme: str, baud: int) -> Any:
     """Through pyserial, with errors that say what to do."""
     import serial
 
-    if "sim.serial" not in serial.protocol_handler_packages:
-        serial.protocol_handler_packages.append("sim.serial")
+    for package in HANDLERS:
+        if package not in serial.protocol_handler_packages:
+            serial.protocol_handler_packages.append(package)
     # Two readers on one device would each get half of the bytes.
     alone = {} if scheme or sys.platform == "win32" else {"exclusive": True}
     try:
@@ -230,8 +237,8 @@ def open_serial(url: str, scheme: str, baud: int) -> Any:
                 f"{url}: the simulator cannot be loaded; this says why: python -c 'import sim.serial.protocol_sim'"
             ) from error
         raise LocalError(
-            f"{url}: {scheme}:// is not known. Use socket://ADDRESS:PORT, sim://SCENARIO, rfc2217://ADDRESS:PORT, "
-            "or a serial device such as /dev/ttyUSB0 or COM3"
+            f"{url}: {scheme}:// is not known. Use socket://ADDRESS:PORT, sim://SCENARIO, replay://FILE, "
+            "rfc2217://ADDRESS:PORT, or a serial device such as /dev/ttyUSB0 or COM3"
         ) from error
 
 
@@ -371,4 +378,6 @@ def open_stream(
         raise LocalError(f"timeout {timeout}: give seconds above 0, or None to wait for ever")
     Session("tcp", dialect)  # judges the dialect before anything is opened
     opened = open_port(port, baud, framing, camera)
+    if dialect == "auto":
+        dialect = getattr(opened, "dialect", "auto")
     return Stream(opened, Session(opened.framing, dialect), timeout)

@@ -1,6 +1,5 @@
 """Recordings, read back with the independent mcap and protobuf packages."""
 
-import itertools
 import json
 import random
 import threading
@@ -12,75 +11,12 @@ import pytest
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
-from mcap.exceptions import EndOfFile
-from mcap.reader import make_reader
-from mcap.records import Message
-from mcap.stream_reader import StreamReader
-from mcap_protobuf.decoder import DecoderFactory
+from recordings import FakePort, Tee, in_complete_chunks, read, record, summary
 
-import host
 from host.link import recording
 from host.link.foxglove import PROTOBUF_SCHEMAS, image
 from host.link.records import Frame, LostFrame, Stamp
 from host.protocol.errors import LocalError
-
-
-class Tee:
-    """A tap that remembers, in front of the recorder's."""
-
-    def __init__(self, track: recording.Track) -> None:
-        self.track = track
-        self.reads: list[tuple[int, bytes]] = []
-        self.writes: list[tuple[int, bytes]] = []
-        self.events: list[Any] = []
-
-    def received(self, data: Any, arrival_host_ns: int) -> None:
-        self.reads.append((arrival_host_ns, bytes(data)))
-        self.track.received(data, arrival_host_ns)
-
-    def sent(self, data: bytes, now_ns: int) -> None:
-        self.writes.append((now_ns, data))
-        self.track.sent(data, now_ns)
-
-    def event(self, event: Any) -> None:
-        self.events.append(event)
-        self.track.event(event)
-
-
-def record(path: Path, *urls: str, frames: int = 5, without: recording.Part | None = None) -> list[Tee]:
-    """Records so many frames (or 50 stamps) of each robot, one after the other."""
-    recorder = recording.Recorder(str(path), without)
-    tees = []
-    for number, url in enumerate(urls):
-        with host.open(url) as stream:
-            tee = Tee(recorder.track(number, stream.port, "auto"))
-            stream.tap = tee
-            tees.append(tee)
-            wanted = (event for event in stream.events() if isinstance(event, Frame | Stamp))
-            list(itertools.islice(wanted, 50 if stream.port.framing == "stamps" else frames))
-    recorder.close()
-    return tees
-
-
-def read(path: Path, *topics: str) -> list[tuple[str, Any, Any]]:
-    """(topic, message, decoded) in the file's order, every check made."""
-    with path.open("rb") as file:
-        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        rows = []
-        for _, channel, message in reader.iter_messages(topics=topics or None, log_time_order=False):
-            schema = reader.get_summary().schemas[channel.schema_id]
-            if channel.message_encoding == "json":
-                decoded = json.loads(message.data)
-            else:
-                decoder = DecoderFactory().decoder_for("protobuf", schema)
-                decoded = decoder(message.data)
-            rows.append((channel.topic, message, decoded))
-        return rows
-
-
-def summary(path: Path) -> Any:
-    with path.open("rb") as file:
-        return make_reader(file, validate_crcs=True).get_summary()
 
 
 @pytest.fixture(scope="module")
@@ -225,13 +161,6 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
         recording.Recorder(str(tmp_path / "no" / "such.mcap"))
 
 
-class FakePort:
-    url, framing, world = "fake://", "tcp", None
-
-    def clock_ns(self) -> int:
-        return 1000
-
-
 def frame(index: int) -> Frame:
     return Frame(index, 2000 + index, 10, 10, 1, "raw", np.full(100, index, np.uint8))
 
@@ -257,21 +186,9 @@ def test_each_chunk_is_on_the_disk_before_the_next_begins(tmp_path: Path, monkey
         track.event(frame(index))
         assert synced.acquire(timeout=60)
         with (tmp_path / "live.mcap").open("rb") as file:
-            assert messages_in(file) == 2 * (index + 1)
+            assert len(in_complete_chunks(file)) == 2 * (index + 1)
     recorder.close()
     assert recording.FLUSH_S <= 0.25
-
-
-def messages_in(file: Any) -> int:
-    """Messages in a file without an end, read from its beginning."""
-
-    count = 0
-    try:
-        for record_ in StreamReader(file, validate_crcs=True).records:
-            count += isinstance(record_, Message)
-    except EndOfFile:
-        pass
-    return count
 
 
 def test_a_disk_that_is_too_slow_is_told_in_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
