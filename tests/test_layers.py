@@ -24,7 +24,7 @@ RULES: list[tuple[str, set[str], set[str]]] = [
     ("host.protocol", {"host.protocol.packets", "host.protocol.codec", "host.protocol.errors", "host.native"}, IO),
     *(
         (f"host.link.{name}", {"host.link", "host.protocol", "host.native"}, set())
-        for name in ("discovery", "ports", "recording", "recover", "replay", "replay_server", "serial")
+        for name in ("access", "discovery", "ports", "recording", "recover", "replay", "replay_server", "serial")
     ),
     (
         "host.link",

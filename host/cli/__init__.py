@@ -13,7 +13,7 @@ import sys
 from collections.abc import Sequence
 
 from ..protocol.errors import LocalError, PeerError
-from . import recover, replay, sim, stream
+from . import ports, recover, replay, sim, stream
 
 EXIT_LOCAL = 2
 EXIT_PEER = 3
@@ -40,6 +40,7 @@ def parser() -> argparse.ArgumentParser:
     replay.add_parser(commands)
     recover.add_parser(commands)
     sim.add_parser(commands)
+    ports.add_parser(commands)
     return top
 
 

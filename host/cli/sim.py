@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import ipaddress
 import json
 import signal
 import sys
@@ -86,6 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             with registry.entered(made.name, robots), announcement(arguments, made.name, doors):
                 output.serving(made, robots)
+                output.heard_by_all(doors)
                 server.run()
         except KeyboardInterrupt:
             output.summary(server)
@@ -176,6 +178,11 @@ class Output:
         kinds = ", ".join(sorted({robot["firmware"] for robot in robots}))
         said = f"{len(robots)} robot{'s' * (len(robots) > 1)} of {made.name} ({kinds} firmware)"
         self._say(f"serving {said}; time begins with the first client; Ctrl-C ends")
+
+    def heard_by_all(self, doors: list[Door]) -> None:
+        """Who asked for it may not know what it means."""
+        if any(ipaddress.ip_address(getattr(door, "host", "127.0.0.1")).is_unspecified for door in doors):
+            self._say("every computer in your networks can connect; --listen 127.0.0.1:5000 is for this one alone")
 
     def happened(self, what: Happening) -> None:
         told = {

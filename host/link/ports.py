@@ -4,7 +4,6 @@ port and a session, and what `host.open` returns.
 
 from __future__ import annotations
 
-import errno
 import socket
 import sys
 import threading
@@ -15,6 +14,7 @@ from urllib.parse import quote, urlsplit
 
 from ..protocol.errors import LocalError, PeerError
 from ..protocol.packets import CameraSettings
+from .access import why
 from .dialects import Dialect
 from .records import Event, Frame, LostFrame, SessionCounters, Stamp
 from .session import FRAMINGS, Framing, Session
@@ -28,6 +28,8 @@ ALIVE = (Frame, LostFrame, Stamp)
 """What a robot is there for: without any of these it is called silent, whatever else it sends."""
 HANDLERS = ("sim.serial", "host.link.serial")
 """Where pyserial finds sim:// and replay://."""
+GARBAGE_MOST = 0.5
+"""Of the bytes: with more, what looks like packets is chance."""
 BAUD: dict[str, int] = {"cpx-uart": 576_000, "stamps": 115_200, "tcp": 576_000}
 
 
@@ -40,6 +42,8 @@ class Port(Protocol):
     """The simulated world behind it, or None."""
     robot: Any
     """Which robot of that world."""
+    baud: int | None
+    """Of a serial line; None: there is none in between that could be wrong."""
     ended: str
     """Why the last read said that it was the end."""
 
@@ -75,6 +79,7 @@ class SocketPort:
 
     world = None
     robot = None
+    baud: int | None = None
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -116,11 +121,12 @@ class SocketPort:
 class SerialPort:
     """Whatever pyserial opens, simulated robots included."""
 
-    def __init__(self, url: str, port: Any, framing: Framing) -> None:
+    def __init__(self, url: str, port: Any, framing: Framing, baud: int) -> None:
         self.url = url
         self.framing = framing
         self.ended = ""
         self.world = getattr(port, "world", None)
+        self.baud: int | None = None if hasattr(port, "clock_ns") else baud
         self.robot = getattr(port, "robot", None)
         self.epoch_ns: int | None = getattr(port, "epoch_ns", None)
         """Of a replay: what its recording added to clock_ns() to get dates."""
@@ -206,12 +212,13 @@ def open_port(url: str, baud: int | None = None, framing: str | None = None, cam
         port.framing = cast(Framing, framing or "tcp")
         return port
     chosen = framing or "cpx-uart"
-    opened = open_serial(url, scheme, baud or BAUD[chosen])
+    baud = baud or BAUD[chosen]
+    opened = open_serial(url, scheme, baud)
     own = getattr(opened, "framing", None)
     if own is not None and framing is not None and own != framing:
         opened.close()
         raise LocalError(f"{url} carries {own}, not {framing}: leave the framing out")
-    return SerialPort(url, opened, cast(Framing, own or chosen))
+    return SerialPort(url, opened, cast(Framing, own or chosen), baud)
 
 
 def open_serial(url: str, scheme: str, baud: int) -> Any:
@@ -226,9 +233,9 @@ def open_serial(url: str, scheme: str, baud: int) -> Any:
     try:
         return serial.serial_for_url(url, baudrate=baud, timeout=POLL_S, write_timeout=POLL_S, **alone)
     except serial.SerialException as error:
-        raise LocalError(f"{url}: {reason(error, url)}") from error
+        raise LocalError(f"{url}: {why(error, url)}") from error
     except OSError as error:
-        raise LocalError(f"{url}: {error.strerror or error}") from error
+        raise LocalError(f"{url}: {why(error, url)}") from error
     except ValueError as error:
         if "not known" not in str(error):
             raise LocalError(f"{url}: {error}") from error
@@ -240,21 +247,6 @@ def open_serial(url: str, scheme: str, baud: int) -> Any:
             f"{url}: {scheme}:// is not known. Use socket://ADDRESS:PORT, sim://SCENARIO, replay://FILE, "
             "rfc2217://ADDRESS:PORT, or a serial device such as /dev/ttyUSB0 or COM3"
         ) from error
-
-
-def reason(error: Exception, url: str) -> str:
-    """Why a serial port cannot be opened, and what to do."""
-    number, text = getattr(error, "errno", None), str(error)
-    if number == errno.ENOENT or "FileNotFoundError" in text:
-        return "there is no such device. Is it plugged in?"
-    if number == errno.EACCES or "PermissionError" in text:
-        return (
-            "no permission. On Linux: sudo usermod -aG dialout $USER, then log in again; "
-            "on Windows another program may have it open"
-        )
-    if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
-        return f"busy: another program has it open ('fuser {url}' says which)"
-    return text
 
 
 class Stream:
@@ -351,12 +343,19 @@ class Stream:
             return f"not a byte in {seconds:.1f} s: is the robot on, is the wire the right one?"
         if packets == 0 and counters.credits > 0:
             return f"the ESP32 is there ({counters.credits} credits), and not one packet in {seconds:.1f} s"
-        if packets == 0:
-            return f"{counters.bytes} bytes and no packet in them: wrong framing or baud rate?"
+        garbage = counters.garbage_bytes / counters.bytes
+        if packets == 0 or garbage > GARBAGE_MOST:
+            return f"{counters.bytes} bytes, {packets} packets, {garbage:.0%} garbage: {self._why_garbage()}"
         if counters.bytes == self._alive_bytes:
             return f"nothing for {seconds:.1f} s: the robot has gone silent, or the link has broken"
         kinds = ", ".join(f"{count} {name}" for name, count in counters.packets.items() if count)
         return f"packets but no image for {seconds:.1f} s ({kinds} so far): the camera or the GAP8 is silent"
+
+    def _why_garbage(self) -> str:
+        if self.port.baud is None:
+            return f"is this a robot's port, and is it {self.port.framing}? --framing chooses"
+        usual = f"{self.port.framing} has {BAUD[self.port.framing]}, before mid-2022 115200"
+        return f"wrong baud rate? It is {self.port.baud}; {usual}. Or the wrong framing?"
 
 
 def open_stream(

@@ -97,7 +97,8 @@ class TcpDoor:
         self._listener = _listen(host, port)
         address = self._listener.getsockname()
         self.host, self.port = str(address[0]), int(address[1])
-        self.url = f"socket://{shown(self.host, self.port)}"
+        here = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
+        self.url = f"socket://{shown(here, self.port)}"
 
     def fileno(self) -> int:
         return self._listener.fileno()
