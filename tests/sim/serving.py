@@ -7,11 +7,15 @@ import socket
 import threading
 from collections.abc import Iterator
 
+import pytest
+
 from host.link.records import Frame
 from host.link.session import Session
 from sim import scenario
+from sim.robot import Robot
 from sim.serial.doors import PtyDoor, TcpDoor
 from sim.serial.serve import Server
+from sim.world import World
 
 
 @contextlib.contextmanager
@@ -44,6 +48,21 @@ def connected(server: Server, robot: int = 0) -> socket.socket:
 
 def whats(server: Server) -> list[str]:
     return [each.what for each in server.happened]
+
+
+def replayed(server: Server, monkeypatch: pytest.MonkeyPatch) -> tuple[World, dict[int, bytearray]]:
+    """The served world's log, run again in-process: its world, and all that each robot's host has read."""
+    read: dict[int, bytearray] = {}
+    original = Robot.read
+
+    def keep(self: Robot, size: int | None = None) -> bytes:
+        data = original(self, size)
+        read.setdefault(self.index, bytearray()).extend(data)
+        return data
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Robot, "read", keep)
+        return World.replay(server.world.log), read
 
 
 class Listener:
