@@ -112,7 +112,7 @@ def no_permission(device: str) -> str:
     try:
         node = Path(device).stat()
     except OSError:
-        return "no permission"
+        return "no permission. Usually this helps: sudo usermod -aG dialout $USER    # then log in again"
     group = _group(node.st_gid)
     told = (
         f"no permission: the device is for {_user(node.st_uid)} and the group {group} ({stat.filemode(node.st_mode)})"

@@ -345,7 +345,8 @@ class Stream:
             return f"the ESP32 is there ({counters.credits} credits), and not one packet in {seconds:.1f} s"
         garbage = counters.garbage_bytes / counters.bytes
         if packets == 0 or garbage > GARBAGE_MOST:
-            return f"{counters.bytes} bytes, {packets} packets, {garbage:.0%} garbage: {self._why_garbage()}"
+            share = f"{garbage:.0%} garbage" if packets else "no packet in them"
+            return f"{counters.bytes} bytes and {share}: {self._why_garbage()}"
         if counters.bytes == self._alive_bytes:
             return f"nothing for {seconds:.1f} s: the robot has gone silent, or the link has broken"
         kinds = ", ".join(f"{count} {name}" for name, count in counters.packets.items() if count)
@@ -353,7 +354,7 @@ class Stream:
 
     def _why_garbage(self) -> str:
         if self.port.baud is None:
-            return f"is this a robot's port, and is it {self.port.framing}? --framing chooses"
+            return f"wrong framing, or no robot's port? They were read as {self.port.framing}"
         usual = f"{self.port.framing} has {BAUD[self.port.framing]}, before mid-2022 115200"
         return f"wrong baud rate? It is {self.port.baud}; {usual}. Or the wrong framing?"
 

@@ -28,8 +28,8 @@ def host(*words):
 
 
 @contextlib.contextmanager
-def serving(*words):
-    """The program, its first line read; ended with Ctrl-C if it still runs."""
+def serving(*words, ending=signal.SIGINT):
+    """The program, its first line read; ended with Ctrl-C."""
     program = subprocess.Popen(
         [sys.executable, "-m", "host", "sim", "serve", *words],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -38,8 +38,7 @@ def serving(*words):
         program.first = program.stdout.readline().strip()
         yield program
     finally:
-        if program.poll() is None:
-            program.send_signal(signal.SIGINT)
+        program.send_signal(ending)
         program.rest, program.said = program.communicate(timeout=60)
 
 
@@ -55,7 +54,6 @@ def test_served_listed_streamed_and_ended_with_ctrl_c(runtime):
         ]  # fmt: skip
         streamed = host("stream", "--port", port, "--count", "4")
         assert streamed.returncode == 0, streamed.stderr
-        program.send_signal(signal.SIGINT)
     assert program.returncode == 0
     lines = program.said.splitlines()
     assert lines[0].startswith("serving 1 robot of hover (native firmware)")
@@ -70,8 +68,8 @@ def test_served_listed_streamed_and_ended_with_ctrl_c(runtime):
 
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
 def test_json(runtime, ending):
-    with serving("--listen", "127.0.0.1:0", "--scenario", "swarm", "--json") as program:
-        program.send_signal(ending)
+    with serving("--listen", "127.0.0.1:0", "--scenario", "swarm", "--json", ending=ending) as program:
+        pass
     assert program.returncode == 0
     first, *_, last = [json.loads(line) for line in [program.first, *program.rest.splitlines()]]
     assert [robot["firmware"] for robot in first["robots"]] == ["native"] * 4

@@ -153,7 +153,7 @@ def test_leaving_a_loop_and_going_on() -> None:
     ("sent", "says"),
     [
         (b"", "not a byte"),
-        (b"\xaa" * 50, "wrong framing or baud"),
+        (b"\xaa" * 50, "wrong framing, or no robot's port"),
         (packet(b"hi\0", GAP8_TO_HOST_CONSOLE) * 3, "gone silent"),
         (FRAME, "gone silent"),
     ],
