@@ -1,6 +1,9 @@
 """What the README shows works as shown."""
 
+import os
 import re
+import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -42,8 +45,6 @@ def test_pytest_example(tmp_path: Path) -> None:
 @pytest.mark.parametrize("command", re.findall(r"^\.venv/bin/host (stream .*sim://.*)$", README, re.MULTILINE))
 def test_commands(command: str, tmp_path: Path) -> None:
     """Every `host stream` line on the simulator, cut to two frames and let run as fast as it goes."""
-    import shlex
-
     words = [
         word + ("&pace=max" if "?" in word else "?pace=max") if word.startswith("sim://") else word
         for word in shlex.split(command, comments=True)
@@ -58,6 +59,27 @@ def test_commands(command: str, tmp_path: Path) -> None:
     )
     assert result.returncode == 0, result.stderr
     assert '"event":"summary"' in result.stdout
+
+
+@pytest.mark.parametrize("command", re.findall(r"^\.venv/bin/host (sim serve.*)$", README, re.MULTILINE))
+def test_served_robots(command: str, tmp_path: Path) -> None:
+    """Every `host sim serve` line, on ports that are free: it says where it is, and ends with Ctrl-C."""
+    words = shlex.split(command, comments=True)
+    where = [] if "--pty" in words else ["--listen", "127.0.0.1:0"]
+    program = subprocess.Popen(
+        [sys.executable, "-m", "host", *words, *where],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "XDG_RUNTIME_DIR": str(tmp_path)},
+    )
+    assert program.stdout is not None
+    first = program.stdout.readline()
+    program.send_signal(signal.SIGINT)
+    _, said = program.communicate(timeout=60)
+    assert program.returncode == 0, said
+    assert first.startswith("/dev/" if "--pty" in words else "socket://127.0.0.1:")
 
 
 def test_the_two_commands_exist() -> None:
