@@ -23,10 +23,11 @@ if TYPE_CHECKING:
         Reply,
         SessionCounters,
         Stamp,
+        State,
         Status,
     )
     from .link.session import Session
-    from .protocol.errors import LocalError, PeerError, SpindeckError
+    from .protocol.errors import ConnectionLostError, LocalError, PeerError, PeerSilentError, SpindeckError
     from .protocol.packets import CameraSettings
 
 _HOME = {
@@ -34,7 +35,10 @@ _HOME = {
     "Stream": ("link.ports", "Stream"),
     "Session": ("link.session", "Session"),
     "CameraSettings": ("protocol.packets", "CameraSettings"),
-    **{name: ("protocol.errors", name) for name in ("LocalError", "PeerError", "SpindeckError")},
+    **{
+        name: ("protocol.errors", name)
+        for name in ("ConnectionLostError", "LocalError", "PeerError", "PeerSilentError", "SpindeckError")
+    },
     **{
         name: ("link.records", name)
         for name in (
@@ -49,6 +53,7 @@ _HOME = {
             "Reply",
             "SessionCounters",
             "Stamp",
+            "State",
             "Status",
         )
     },
@@ -58,6 +63,7 @@ __all__ = [
     "LOSS_CAUSES",
     "Announced",
     "CameraSettings",
+    "ConnectionLostError",
     "Console",
     "Frame",
     "Garbage",
@@ -66,11 +72,13 @@ __all__ = [
     "NativeHeader",
     "Packet",
     "PeerError",
+    "PeerSilentError",
     "Reply",
     "Session",
     "SessionCounters",
     "SpindeckError",
     "Stamp",
+    "State",
     "Status",
     "Stream",
     "open",

@@ -28,7 +28,8 @@ RULES: list[tuple[str, set[str], set[str]]] = [
     ),
     (
         "host.link",
-        {"host.link.records", "host.link.assemble", "host.link.dialects", "host.protocol", "host.native"}
+        {"host.link.records", "host.link.assemble", "host.link.dialects", "host.link.session"}
+        | {"host.protocol", "host.native"}
         | {"host.link.mcap", "host.link.mcap_summary", "host.link.foxglove"},
         IO,
     ),

@@ -12,17 +12,28 @@ import os
 import sys
 from collections.abc import Sequence
 
-from ..protocol.errors import LocalError, PeerError
+from ..protocol.errors import ConnectionLostError, LocalError, PeerError, PeerSilentError, SpindeckError
 from . import ports, recover, replay, sim, stream
 
 EXIT_LOCAL = 2
-EXIT_PEER = 3
+EXIT_INTERRUPTED = 130
+EXIT_OF: tuple[tuple[type[SpindeckError], int], ...] = (
+    (LocalError, EXIT_LOCAL),
+    (PeerSilentError, 3),
+    (ConnectionLostError, 5),
+    (PeerError, 4),
+)
+"""The first class that fits; the last one stands for whatever else a peer can do wrong."""
 
 EXIT_CODES = """\
 exit codes:
-  0  done, or stopped with Ctrl-C after something was received
-  2  wrong arguments, or a port, file or scenario that cannot be used: the message says what to do
-  3  the robot sent nothing usable, or stopped
+  0    done; also when Ctrl-C has ended a command that would otherwise have gone on for ever
+  1    an error of this program: please report what it has printed
+  2    wrong arguments, or a port, file or scenario that cannot be used: the message says what to do
+  3    the robot, or a part of it, is silent
+  4    the robot has refused, or has sent what makes no sense
+  5    the connection ended before all that was wanted had come
+  130  stopped with Ctrl-C before it was done
 """
 
 
@@ -31,8 +42,6 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(
         prog="host",
         description="Time-stamped camera streams from nano drones, real or simulated.",
-        epilog=EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument("--version", action="store_true", help="print the version and exit")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", title="commands")
@@ -41,7 +50,18 @@ def parser() -> argparse.ArgumentParser:
     recover.add_parser(commands)
     sim.add_parser(commands)
     ports.add_parser(commands)
+    list_exit_codes(top)
     return top
+
+
+def list_exit_codes(parser: argparse.ArgumentParser) -> None:
+    """At the end of each --help, those of subcommands too."""
+    parser.epilog = f"{parser.epilog}\n{EXIT_CODES}" if parser.epilog else EXIT_CODES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for command in action.choices.values():
+                list_exit_codes(command)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -58,12 +78,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_LOCAL
     try:
         return int(arguments.run(arguments))
-    except LocalError as error:
+    except SpindeckError as error:
         print(f"host: {error}", file=sys.stderr)
-        return EXIT_LOCAL
-    except PeerError as error:
-        print(f"host: {error}", file=sys.stderr)
-        return EXIT_PEER
+        return next(code for blame, code in EXIT_OF if isinstance(error, blame))
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
     except BrokenPipeError:
         # Whoever read our output has enough. Python would complain again when it flushes stdout at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

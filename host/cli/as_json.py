@@ -6,7 +6,8 @@ import dataclasses
 import json
 from typing import Any
 
-from ..link.records import Event, Frame, LostFrame
+from ..link.records import Event, Frame, LostFrame, State
+from ..link.state import describe
 
 EVENT_NAMES = {"LostFrame": "lost_frame"}
 
@@ -23,6 +24,8 @@ def as_dict(event: Event, robot: int) -> dict[str, Any]:
         del record["native"], record["body"]
     elif isinstance(event, LostFrame):
         del record["body"]
+    elif isinstance(event, State):
+        record["text"] = describe(event, event.arrival_host_ns)
     elif isinstance(record.get("data"), bytes):
         record["data"] = record["data"].hex()
     return record

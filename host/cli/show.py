@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
+from ..link.state import describe as describe_state
 from .as_json import as_dict, line
 
 if TYPE_CHECKING:
@@ -63,14 +64,14 @@ class Terminal:
         self.live.__exit__(kind, error, trace)
 
     def event(self, event: Event, robot: int) -> None:
-        """Prints what a person should not miss: console text, lost frames, garbage."""
+        """Prints what a person should not miss: console text, lost frames, garbage, who has fallen silent."""
         record = as_dict(event, robot)
-        if record["event"] in ("console", "lost_frame", "garbage", "announced"):
+        if record["event"] in ("console", "lost_frame", "garbage", "announced", "state"):
             self.console.print(f"robot {robot}: {describe(record)}", style="dim", markup=False)
 
     def refresh(self, robots: list[Robot]) -> None:
         """Rewrites the status lines."""
-        self.live.update("\n".join(status_line(robot) for robot in robots), refresh=True)
+        self.live.update("\n".join(text for robot in robots for text in status_lines(robot)), refresh=True)
 
     def finish(self, robots: list[Robot], picture: Path | None) -> None:
         """The summary, on stdout."""
@@ -89,7 +90,17 @@ def describe(record: dict[str, Any]) -> str:
         return f"frame lost ({record['cause']}): {record['received_bytes']} of {record['expected_bytes']} bytes"
     if record["event"] == "garbage":
         return f"skipped {record['size']} bytes of garbage at byte {record['offset']}"
+    if record["event"] == "state":
+        return str(record["text"])
     return "speaks the native dialect: asked for time-stamped frames"
+
+
+def status_lines(robot: Robot) -> list[str]:
+    """Frames, rate, bytes, losses and the last stamp of one robot; below it who is silent, if anyone is."""
+    state = robot.stream.watch.state
+    if state is None or state.state in ("waiting", "streaming"):
+        return [status_line(robot)]
+    return [status_line(robot), f"  {describe_state(state, robot.stream.port.clock_ns())}"]
 
 
 def status_line(robot: Robot) -> str:
@@ -113,7 +124,9 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
         f"frames      {summary['frames']} in {summary['seconds']:.2f} s"
         + (f", {summary['fps']:.2f} fps" if summary["fps"] else ""),
         f"bytes       {summary['bytes']}",
-        f"lost        {lost}" + (f"; {summary['garbage_bytes']} garbage bytes" if summary["garbage_bytes"] else ""),
+        f"lost        {lost}"
+        + (f"; connected again {summary['reconnects']} times" if summary["reconnects"] else "")
+        + (f"; {summary['garbage_bytes']} garbage bytes" if summary["garbage_bytes"] else ""),
     ]
     if summary["recorded"]:
         missing = {what: count for what, count in summary["recorded"]["missing"].items() if count}

@@ -21,6 +21,7 @@ examples:
   host stream --port "sim://hover?gap8_ppm=80&uart1_loss=0.2&seed=7" --count 50
   host stream --port socket://192.168.4.1:5000 --images flight1
   host stream --port socket://192.168.4.1:5000 --record flight1.mcap
+  host stream --port socket://192.168.4.1:5000 --reconnect --images flight2
   host stream --port "sim://swarm?robot=0" --port "sim://swarm?robot=1" --json
 """
 
@@ -61,6 +62,11 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     add("--duration", type=positive(float), metavar="S", help="end after S seconds of the robot's stream")
     add(
         "--timeout", type=positive(float), default=10.0, metavar="S", help="give up after S silent seconds (default 10)"
+    )
+    add(
+        "--reconnect",
+        action="store_true",
+        help="when the connection ends, or is silent for the timeout, make it again, for ever (socket and serial)",
     )
     add("--images", metavar="DIR", help="keep every frame: one picture each, and frames.jsonl; DIR new or empty")
     add("--record", metavar="FILE", help="keep everything, bytes included, in a new MCAP file: host replay plays it")

@@ -7,6 +7,7 @@ whole frames and says so) instead of eating memory.
 from __future__ import annotations
 
 import contextlib
+import math
 import queue
 import tempfile
 import threading
@@ -17,8 +18,10 @@ from typing import TYPE_CHECKING, Any
 
 import host
 
-from ..link.records import Event, Frame, LostFrame
-from ..protocol.errors import LocalError, PeerError, SpindeckError
+from ..link.records import Event, Frame, LostFrame, State
+from ..protocol.errors import ConnectionLostError, LocalError, PeerSilentError, SpindeckError
+from . import EXIT_INTERRUPTED
+from .interrupt import Interrupt
 from .keep import Keeper, new_folder, save_picture
 from .show import JsonLines, Terminal
 
@@ -31,6 +34,8 @@ if TYPE_CHECKING:
 
 QUEUE_EVENTS = 64
 REFRESH_S = 0.2
+STOP_S = 1.0
+"""After Ctrl-C the reading threads get this long, at most, to hand over what they have."""
 
 
 @dataclass
@@ -54,6 +59,8 @@ class Robot:
 
     def take(self, event: Event) -> None:
         """Counts one event and keeps what is to be kept."""
+        if isinstance(event, State):
+            return
         if self.first_ns is None:
             self.first_ns = event.arrival_host_ns
         self.last_ns = event.arrival_host_ns
@@ -90,6 +97,7 @@ class Robot:
             "frames_lost": {cause: count for cause, count in counters.frames_lost.items() if count},
             "garbage_bytes": counters.garbage_bytes,
             "stamps": counters.stamps + counters.pairs,
+            "reconnects": self.stream.reconnects,
             "stamp_error_us": self.stamp_error_us(),
             "recorded": None if self.track is None else self.track.summary(),
             "error": None if self.error is None else str(self.error),
@@ -109,9 +117,11 @@ def wanted(events: Iterator[Event], count: int | None, duration_s: float | None)
     frames, first_ns = 0, None
     for event in events:
         yield event
-        first_ns = event.arrival_host_ns if first_ns is None else first_ns
+        if first_ns is None and not isinstance(event, State):
+            first_ns = event.arrival_host_ns
         frames += isinstance(event, Frame)
-        if frames == count or (duration_s is not None and event.arrival_host_ns - first_ns >= duration_s * 1e9):
+        passed_ns = 0 if first_ns is None else event.arrival_host_ns - first_ns
+        if frames == count or (duration_s is not None and passed_ns >= duration_s * 1e9):
             return
 
 
@@ -121,22 +131,21 @@ def read(
     stop: threading.Event,
     arguments: argparse.Namespace,
 ) -> None:
-    """The thread of one port: everything that is wanted, then None."""
+    """The thread of one port: everything that is wanted, then None. After `stop` no more is read; what was read is
+    handed over still."""
     try:
-        for event in wanted(robot.stream.events(), arguments.count, arguments.duration):
-            while not stop.is_set():
-                with contextlib.suppress(queue.Full):
-                    events.put((robot, event), timeout=REFRESH_S)
-                    break
+        for event in wanted(robot.stream.events(states=True), arguments.count, arguments.duration):
+            events.put((robot, event))
             if stop.is_set():
                 return
+        if robot.stream.lost:
+            robot.error = ConnectionLostError(
+                f"{robot.port}: {robot.stream.lost}, after {robot.stream.counters.frames} frames"
+            )
     except Exception as error:  # handed to the main thread, which raises it
         robot.error = error
     finally:
-        while not stop.is_set():
-            with contextlib.suppress(queue.Full):
-                events.put((robot, None), timeout=REFRESH_S)
-                break
+        events.put((robot, None))
 
 
 def stream(arguments: argparse.Namespace, as_json: bool) -> int:
@@ -154,6 +163,7 @@ def stream(arguments: argparse.Namespace, as_json: bool) -> int:
                     dialect=arguments.dialect,
                     timeout=arguments.timeout,
                     camera=arguments.camera,
+                    reconnect=arguments.reconnect,
                 )
             )
             robots.append(Robot(number, port, opened))
@@ -170,14 +180,16 @@ def stream(arguments: argparse.Namespace, as_json: bool) -> int:
     picture = save_last(robots, arguments.picture, as_json)
     show.finish(robots, picture)
     for robot in robots:
-        if isinstance(robot.error, SpindeckError) and len(robots) > 1:
+        named = len(robots) == 1 or str(robot.error).startswith(robot.port)
+        if isinstance(robot.error, SpindeckError) and not named:
             raise type(robot.error)(f"{robot.port}: {robot.error}")
         if robot.error is not None:
             raise robot.error
-        if robot.first_ns is None:
-            ended = "stopped" if interrupted else robot.stream.port.ended or "the stream ended"
-            raise PeerError(f"{robot.port}: {ended} before anything was received")
-    return 0
+        if robot.first_ns is None and not interrupted:
+            raise PeerSilentError(f"{robot.port}: the stream ended before anything was received")
+    asked_for_an_end = arguments.count is not None or arguments.duration is not None
+    heard = any(robot.first_ns is not None for robot in robots)
+    return EXIT_INTERRUPTED if interrupted and (asked_for_an_end or not heard) else 0
 
 
 def record(robots: list[Robot], arguments: argparse.Namespace, open_things: contextlib.ExitStack) -> None:
@@ -192,37 +204,46 @@ def record(robots: list[Robot], arguments: argparse.Namespace, open_things: cont
 
 
 def pump(robots: list[Robot], arguments: argparse.Namespace, show: JsonLines | Terminal) -> bool:
-    """Runs the reading threads and takes what they bring. True if stopped by Ctrl-C."""
+    """Runs the reading threads and takes what they bring. True if stopped by Ctrl-C: then what was read is kept, and
+    no more is read."""
     events: queue.Queue[tuple[Robot, Event | None]] = queue.Queue(QUEUE_EVENTS)
     stop = threading.Event()
     threads = [threading.Thread(target=read, args=(robot, events, stop, arguments), daemon=True) for robot in robots]
     for thread in threads:
         thread.start()
     refreshed = time.monotonic()
+    until = math.inf
     try:
-        while not all(robot.ended for robot in robots):
-            try:
-                robot, event = events.get(timeout=REFRESH_S)
-            except queue.Empty:
-                show.refresh(robots)
-                continue
-            if event is None:
-                robot.ended = True
-            else:
-                robot.take(event)
-                show.event(event, robot.number)
-            if time.monotonic() - refreshed >= REFRESH_S:
-                refreshed = time.monotonic()
-                show.refresh(robots)
-    except KeyboardInterrupt:
-        return True
+        with Interrupt() as interrupt:
+            while not all(robot.ended for robot in robots) and time.monotonic() < until:
+                if interrupt.asked and not stop.is_set():
+                    until = time.monotonic() + STOP_S
+                    halt(robots, stop)
+                with contextlib.suppress(queue.Empty):
+                    robot, event = events.get(timeout=REFRESH_S)
+                    if event is None:
+                        robot.ended = True
+                    else:
+                        robot.take(event)
+                        show.event(event, robot.number)
+                if time.monotonic() - refreshed >= REFRESH_S:
+                    refreshed = time.monotonic()
+                    show.refresh(robots)
+            return interrupt.asked
     finally:
-        stop.set()
-        for robot in robots:
-            robot.stream.close()
-        for thread in threads:
-            thread.join(timeout=1.0)
-    return False
+        halt(robots, stop)
+        until = time.monotonic() + STOP_S
+        while any(thread.is_alive() for thread in threads) and time.monotonic() < until:
+            # What they still bring is dropped: this is the way out of an error, or they have already said None.
+            with contextlib.suppress(queue.Empty):
+                events.get(timeout=0.01)
+
+
+def halt(robots: list[Robot], stop: threading.Event) -> None:
+    """Lets the reading threads end."""
+    stop.set()
+    for robot in robots:
+        robot.stream.close()
 
 
 def save_last(robots: list[Robot], wanted: str | None, as_json: bool) -> Path | None:

@@ -12,12 +12,13 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol, cast
 from urllib.parse import quote, urlsplit
 
-from ..protocol.errors import LocalError, PeerError
+from ..protocol.errors import LocalError, PeerSilentError
 from ..protocol.packets import CameraSettings
 from .access import why
 from .dialects import Dialect
-from .records import Event, Frame, LostFrame, SessionCounters, Stamp
+from .records import Event, Frame, LostFrame, SessionCounters, Stamp, State
 from .session import FRAMINGS, Framing, Session
+from .state import Backoff, Watch
 
 POLL_S = 0.1
 """A read waits this long at most, so that Ctrl-C, close() and repeated requests are never held up."""
@@ -166,6 +167,9 @@ class SerialPort:
         self._port.close()
 
 
+Connection = tuple[Port, Session]
+
+
 def connect(url: str) -> socket.socket:
     """A TCP connection to what a socket:// URL names."""
     try:
@@ -252,15 +256,26 @@ def open_serial(url: str, scheme: str, baud: int) -> Any:
 class Stream:
     """A robot's frames: iterate over it, or over events() for everything. Close it, or use it in a `with`."""
 
-    def __init__(self, port: Port, session: Session, timeout: float | None) -> None:
+    def __init__(
+        self, port: Port, session: Session, timeout: float | None, reopen: Callable[[int], Connection] | None = None
+    ) -> None:
+        """`reopen` makes the connection again when it has ended, for a session with this first index."""
         self.port = port
         self.tap: Tap | None = None
+        self.watch = Watch()
+        self.watch.connected(port.clock_ns())
+        self.reconnects = 0
         self._session = session
+        self._reopen = reopen
+        self._backoff = Backoff()
+        self._before = SessionCounters()
         self._timeout_ns = None if timeout is None else int(timeout * 1e9)
         self._alive_ns: int | None = None
         self._alive_bytes = 0
+        self._now_ns = 0
         self._reading = threading.Lock()
         self._closed = False
+        self._ended = False
 
     def __enter__(self) -> Stream:
         return self
@@ -269,46 +284,63 @@ class Stream:
         self.close()
 
     def __iter__(self) -> Iterator[Frame]:
-        """Complete frames, as they come, until the connection ends. PeerError when none comes for `timeout`."""
+        """Complete frames, as they come, until the connection ends. PeerSilentError when none comes for `timeout`."""
         for event in self.events():
             if isinstance(event, Frame):
                 yield event
 
-    def events(self) -> Iterator[Event]:
-        """Everything that comes, in its order; otherwise as iteration over frames."""
-        port, session = self.port, self._session
-        self._send()
-        while True:
-            with self._reading:
-                if self._closed:
-                    return
-                data = port.read(session.bytes_wanted)
-                now = port.clock_ns()
-            events: list[Event] = []
-            if data is None:
-                session.tick(now)
-            elif len(data) > 0:
-                if self.tap is not None:
-                    self.tap.received(data, now)
-                events = session.receive(data, now)
-            else:
-                self.close()
-                yield from self._shown(session.finish(now))
-                return
-            self._send()
-            yield from self._shown(events)
-            self._judge_silence(events, now)
-
-    def _shown(self, events: list[Event]) -> Iterator[Event]:
-        for event in events:
+    def events(self, states: bool = False) -> Iterator[Event]:
+        """Everything that comes, in its order; otherwise as iteration over frames. With `states` also a State whenever
+        that changes, and at each try to connect again."""
+        for event in self._everything():
             if self.tap is not None:
                 self.tap.event(event)
-            yield event
+            if states or not isinstance(event, State):
+                yield event
+
+    def _everything(self) -> Iterator[Event]:
+        while (events := self.poll()) is not None:
+            yield from events
+            try:
+                self._judge_silence(events)
+            except PeerSilentError as error:
+                if self._reopen is None:
+                    raise
+                yield from self._end(str(error))
+            if self._ended and self._reopen is not None and self.port.ended:
+                yield from self._connect_again()
+
+    def poll(self) -> list[Event] | None:
+        """What has come within POLL_S, maybe nothing. None: the connection has ended, port.ended says why."""
+        session = self._session
+        self._send()
+        with self._reading:
+            if self._closed or self._ended:
+                return None
+            data = self.port.read()
+            now = self._now_ns = self.port.clock_ns()
+        events: list[Event] = []
+        if data is None:
+            session.tick(now)
+        elif len(data) > 0:
+            if self.tap is not None:
+                self.tap.received(data, now)
+            events = session.receive(data, now)
+        else:
+            return self._end(self.port.ended)
+        self._send()
+        changed = self.watch.look(session, events, now)
+        return [*events, changed] if changed else events
+
+    @property
+    def lost(self) -> str:
+        """Why the connection has ended by itself; empty when it has not, or when a recording is over."""
+        return self.port.ended if self._ended else ""
 
     @property
     def counters(self) -> SessionCounters:
         """A copy of what was counted so far."""
-        return self._session.counters
+        return self._before + self._session.counters if self.reconnects else self._session.counters
 
     def send_camera(self, settings: CameraSettings) -> None:
         """Asks for camera settings; sent while frames are read, answered by a Reply among the events()."""
@@ -324,17 +356,56 @@ class Stream:
         data = self._session.data_to_send()
         if data:
             with self._reading:
-                if not self._closed:
+                if not self._closed and not self._ended:
                     self.port.write(data)
                     if self.tap is not None:
                         self.tap.sent(data, self.port.clock_ns())
 
-    def _judge_silence(self, events: list[Event], now_ns: int) -> None:
+    def _end(self, reason: str) -> list[Event]:
+        """The last events of this connection. A recording ends without a reason."""
+        with self._reading:
+            self._ended = True
+            self.port.ended = reason
+            self.port.close()
+        now = self.port.clock_ns()
+        events = self._session.finish(now)
+        return [*events, self.watch.disconnected(now, reason)] if reason else events
+
+    def _connect_again(self) -> Iterator[Event]:
+        """Tries until there is a connection, or until this stream is closed."""
+        assert self._reopen is not None
+        first_index = self.counters.frames
+        while True:
+            until_ns = self.port.clock_ns() + int(self._backoff.next_s() * 1e9)
+            while (left_ns := until_ns - self.port.clock_ns()) > 0:
+                if self._closed:
+                    return
+                time.sleep(min(left_ns * 1e-9, POLL_S))
+            try:
+                port, session = self._reopen(first_index)
+                break
+            except LocalError as error:
+                yield self.watch.disconnected(self.port.clock_ns(), str(error))
+        with self._reading:
+            if self._closed:
+                port.close()
+                return
+            self._before += self._session.counters
+            self.port, self._session = port, session
+            self.reconnects += 1
+            self._ended = False
+        self._alive_ns = None
+        yield self.watch.connected(port.clock_ns())
+
+    def _judge_silence(self, events: list[Event]) -> None:
+        now_ns = self._now_ns
         if self._alive_ns is None or any(type(event) in ALIVE for event in events):
+            if self._alive_ns is not None:
+                self._backoff.reset()
             self._alive_ns = now_ns
             self._alive_bytes = self._session.bytes_received
-        elif self._timeout_ns is not None and now_ns - self._alive_ns > self._timeout_ns:
-            raise PeerError(f"{self.port.url}: {self._who_is_silent((now_ns - self._alive_ns) * 1e-9)}")
+        elif not self._ended and self._timeout_ns is not None and now_ns - self._alive_ns > self._timeout_ns:
+            raise PeerSilentError(f"{self.port.url}: {self._who_is_silent((now_ns - self._alive_ns) * 1e-9)}")
 
     def _who_is_silent(self, seconds: float) -> str:
         counters = self.counters
@@ -367,17 +438,24 @@ def open_stream(
     dialect: Dialect = "auto",
     timeout: float | None = 10.0,
     camera: str | None = None,
+    reconnect: bool = False,
 ) -> Stream:
     """Opens a robot, a serial adapter or the simulator.
 
-    `timeout`: seconds without any image (or stamp message) after which iteration raises PeerError; None: never.
+    `timeout`: seconds without any image (or stamp message) after which iteration raises PeerSilentError; None: never.
     With dialect "auto" nothing is sent until the robot has announced that it speaks native; "stock" never sends,
-    "native" asks at once. `baud` and `framing` as open_port.
+    "native" asks at once. `baud` and `framing` as open_port. `reconnect`: when the connection has ended, or the robot
+    was silent for `timeout`, it is made again, for ever; the first one must succeed.
     """
     if timeout is not None and not timeout > 0:
         raise LocalError(f"timeout {timeout}: give seconds above 0, or None to wait for ever")
+    if reconnect and port.startswith(("sim://", "replay://")):
+        raise LocalError(f"{port}: reconnecting is for sockets and serial ports; 'host sim serve' makes a socket")
+
+    def connect_session(first_index: int) -> Connection:
+        opened = open_port(port, baud, framing, camera)
+        own = getattr(opened, "dialect", "auto")
+        return opened, Session(opened.framing, own if dialect == "auto" else dialect, first_index)
+
     Session("tcp", dialect)  # judges the dialect before anything is opened
-    opened = open_port(port, baud, framing, camera)
-    if dialect == "auto":
-        dialect = getattr(opened, "dialect", "auto")
-    return Stream(opened, Session(opened.framing, dialect), timeout)
+    return Stream(*connect_session(0), timeout, connect_session if reconnect else None)

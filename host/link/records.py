@@ -7,7 +7,7 @@ time for a simulated one.
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
 import numpy as np
@@ -52,7 +52,7 @@ class Frame:
     """One complete image. `body` is the receiver's own memory: keep it as long as you like."""
 
     index: int
-    """Complete frames received on this connection before this one."""
+    """Complete frames received before this one, on earlier connections of the same stream too."""
     arrival_host_ns: int
     width: int
     height: int
@@ -174,7 +174,25 @@ class Announced:
     arrival_host_ns: int
 
 
-Event = Frame | LostFrame | Stamp | Console | Status | Reply | Packet | Garbage | Announced
+Condition = Literal[
+    "waiting", "streaming", "no_bytes", "no_packets", "no_frames", "broken_frames", "no_stamps", "disconnected"
+]
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Which side is silent has changed. Of a port's stream only: a session alone does not judge."""
+
+    arrival_host_ns: int
+    """When it was noticed."""
+    state: Condition
+    since_host_ns: int
+    """Since when it has been so."""
+    reason: str
+    """Why there is no connection; empty while there is one."""
+
+
+Event = Frame | LostFrame | Stamp | Console | Status | Reply | Packet | Garbage | Announced | State
 
 
 @dataclass(slots=True)
@@ -209,6 +227,17 @@ class SessionCounters:
     """CPX over UART: heard from the other end."""
     gaps: int = 0
     """CPX over UART: packets that stopped half-way."""
+
+    def __add__(self, other: SessionCounters) -> SessionCounters:
+        """Of two connections together."""
+        total = SessionCounters()
+        for each in fields(self):
+            mine, theirs = getattr(self, each.name), getattr(other, each.name)
+            if isinstance(mine, dict):
+                setattr(total, each.name, {key: mine.get(key, 0) + theirs.get(key, 0) for key in {**mine, **theirs}})
+            else:
+                setattr(total, each.name, mine + theirs)
+        return total
 
 
 LOSS_CAUSES = {

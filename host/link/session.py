@@ -32,7 +32,8 @@ BODY_NEEDED, FRAME, LOST, NATIVE = lib.STREAM_BODY_NEEDED, lib.STREAM_FRAME, lib
 class Session:
     """Decodes what one robot sends. Its times are those that the caller gives: any clock, as long as it is one."""
 
-    def __init__(self, framing: Framing = "tcp", dialect: Dialect = "auto") -> None:
+    def __init__(self, framing: Framing = "tcp", dialect: Dialect = "auto", first_index: int = 0) -> None:
+        """`first_index`: of the first frame, for a session that goes on where another one ended."""
         if framing not in FRAMINGS:
             raise LocalError(f"framing {framing!r}: choose {', '.join(FRAMINGS)}")
         if dialect not in get_args(Dialect):
@@ -44,7 +45,7 @@ class Session:
         self._closed = self._stream.closed
         self._body: NDArray[np.uint8] = np.empty(0, np.uint8)
         self._body_pointer: Any = None
-        self._frames = 0
+        self._first_index = self._frames = first_index
         self._lost: Counter[str] = Counter()
         self._numbers = FrameNumbers()
         self._asking = Asking("stock" if framing == "stamps" else dialect)
@@ -125,10 +126,21 @@ class Session:
         return 1
 
     @property
+    def frame_progress(self) -> int:
+        """Bytes of the frame under way, or -1: while it changes a slow line is not a silent camera."""
+        return int(self._stream.open.received) if self._stream.in_frame else -1
+
+    @property
+    def packets_received(self) -> int:
+        """Of every function, and stamp messages and credits: whatever shows that the framing is right."""
+        stream = self._stream
+        return int(sum(stream.packets) + stream.stamps.received + stream.uart.credits_in)
+
+    @property
     def counters(self) -> SessionCounters:
         """What was counted so far."""
         counters = assemble.counters(self._stream)
-        counters.frames = self._frames
+        counters.frames = self._frames - self._first_index
         lost = self._lost + self._numbers.lost
         counters.frames_lost = {cause: lost[cause] for cause in LOSS_CAUSES}
         counters.renumbered = self._numbers.renumbered

@@ -11,3 +11,11 @@ class LocalError(SpindeckError):
 
 class PeerError(SpindeckError):
     """The other side: bytes that do not mean what they should, a robot that does not answer."""
+
+
+class PeerSilentError(PeerError):
+    """It, or a part of it, said nothing for so long that waiting on makes no sense."""
+
+
+class ConnectionLostError(PeerError):
+    """The connection ended before what was wanted had come."""
