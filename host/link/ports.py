@@ -330,12 +330,12 @@ class Stream:
             return self._end(self.port.ended)
         self._send()
         changed = self.watch.look(session, events, now)
-        return [*events, changed] if changed else events
+        return [changed, *events] if changed else events
 
     @property
     def lost(self) -> str:
-        """Why the connection has ended by itself; empty when it has not, or when a recording is over."""
-        return self.port.ended if self._ended else ""
+        """Why the connection has ended by itself; empty when it has not, when a recording is over, or after close()."""
+        return self.port.ended if self._ended and not self._closed else ""
 
     @property
     def counters(self) -> SessionCounters:

@@ -1,0 +1,176 @@
+"""`host stream` when the connection comes and goes, and when it is stopped in the middle of frames."""
+
+import json
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+WIDTH, HEIGHT = 64, 48
+SIZE = WIDTH * HEIGHT
+
+
+def packet(data: bytes) -> bytes:
+    return struct.pack("<H", len(data) + 2) + b"\x63\x05" + data
+
+
+def frame(number: int) -> bytes:
+    """A stock frame, all of its pixels its number."""
+    body = bytes([number % 256]) * SIZE
+    pieces = b"".join(packet(body[at : at + 1020]) for at in range(0, SIZE, 1020))
+    return packet(struct.pack("<BHHBBI", 0xBC, WIDTH, HEIGHT, 1, 0, SIZE)) + pieces
+
+
+class Server:
+    """A robot's TCP server: `clients` says what each connection in turn gets; the socket is closed in between."""
+
+    def __init__(self, clients: list[Callable[[socket.socket], None]]) -> None:
+        self.clients = clients
+        self.listening = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listening.getsockname()[1]
+        self.url = f"socket://127.0.0.1:{self.port}"
+        self.thread = threading.Thread(target=self.run, daemon=True)
+        self.thread.start()
+
+    def run(self) -> None:
+        for client in self.clients:
+            connection, _ = self.listening.accept()
+            self.listening.close()
+            with connection:
+                client(connection)
+            time.sleep(0.3)
+            self.listening = socket.create_server(("127.0.0.1", self.port))
+        self.listening.close()
+
+
+def stream(*words: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "host", "stream", "--json", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+
+
+def lines(stdout: str) -> list[dict[str, object]]:
+    return [json.loads(line) for line in stdout.splitlines()]
+
+
+def test_frames_go_on_after_the_connection_was_lost(tmp_path: Path) -> None:
+    def first(to: socket.socket) -> None:
+        to.sendall(frame(0) + frame(1) + frame(2)[:-10])
+
+    def second(to: socket.socket) -> None:
+        to.sendall(frame(3) + frame(4) + frame(5))
+
+    served = Server([first, second])
+    folder = tmp_path / "kept"
+    recording = tmp_path / "kept.mcap"
+    words = ["--images", str(folder), "--record", str(recording)]
+    with stream("--port", served.url, "--reconnect", "--count", "5", *words) as process:
+        stdout, stderr = process.communicate(timeout=60)
+    assert process.returncode == 0, stderr
+    events = lines(stdout)
+    summary = events[-1]
+    assert summary["frames"] == 5
+    assert summary["reconnects"] == 1
+    assert summary["frames_lost"] == {"disconnected": 1}
+    assert [event["index"] for event in events if event["event"] == "frame"] == [0, 1, 2, 3, 4]
+    states = [(event["state"], event["reason"]) for event in events if event["event"] == "state"]
+    assert states[0] == ("streaming", "")
+    assert states[1] == ("disconnected", "closed by the robot")
+    assert states[-1] == ("streaming", "")
+    assert ("waiting", "") in states[2:-1]
+    pixels = [(folder / f"{index:06d}.pgm").read_bytes()[-SIZE:] for index in range(5)]
+    assert pixels == [bytes([number]) * SIZE for number in (0, 1, 3, 4, 5)]
+    assert summary["recorded"]["frames"] == 5  # type: ignore[index]
+
+
+def test_a_silent_connection_is_made_again() -> None:
+    """A robot that has lost its power says no goodbye."""
+    served = Server([lambda to: time.sleep(2.0), lambda to: to.sendall(frame(0) * 2)])
+    with stream("--port", served.url, "--reconnect", "--timeout", "0.5", "--count", "2") as process:
+        stdout, stderr = process.communicate(timeout=60)
+    assert process.returncode == 0, stderr
+    reasons = [str(event["reason"]) for event in lines(stdout) if event["event"] == "state"]
+    assert any("not a byte" in reason for reason in reasons)
+    assert lines(stdout)[-1]["reconnects"] == 1
+
+
+def test_without_reconnect_a_lost_connection_is_an_error_of_its_own() -> None:
+    served = Server([lambda to: to.sendall(frame(0) * 3)])
+    with stream("--port", served.url) as process:
+        stdout, stderr = process.communicate(timeout=60)
+    assert process.returncode == 5
+    assert "closed by the robot, after 3 frames" in stderr
+    assert stderr.count("\n") == 1
+    assert lines(stdout)[-1]["frames"] == 3
+
+
+def test_a_simulated_robot_cannot_be_connected_again() -> None:
+    with stream("--port", "sim://hover", "--reconnect") as process:
+        _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert "host sim serve" in stderr
+
+
+@pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("count", [[], ["--count", "1000000"]])
+def test_stopped_in_the_middle_of_frames(which: signal.Signals, count: list[str], tmp_path: Path) -> None:
+    """Whatever was begun is whole: each picture, each line, the recording; and the exit code tells who wanted more."""
+
+    def forever(to: socket.socket) -> None:
+        number = 0
+        while True:
+            try:
+                to.sendall(frame(number))
+            except OSError:
+                return
+            number += 1
+
+    served = Server([forever])
+    folder, recording = tmp_path / "kept", tmp_path / "kept.mcap"
+    words = ["--port", served.url, "--images", str(folder), "--record", str(recording), *count]
+    with stream(*words) as process:
+        assert process.stdout is not None
+        for _ in range(50):
+            assert process.stdout.readline()
+        process.send_signal(which)
+        stdout, stderr = process.communicate(timeout=30)
+    assert process.returncode == (130 if count else 0), stderr
+    assert stderr == ""
+    kept = lines((folder / "frames.jsonl").read_text())
+    assert (folder / "frames.jsonl").read_text().endswith("\n")
+    assert [line["image"] for line in kept] == [f"{index:06d}.pgm" for index in range(len(kept))]
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*(line["image"] for line in kept), "frames.jsonl"])
+    head = f"P5\n{WIDTH} {HEIGHT}\n255\n".encode()
+    for index, line in enumerate(kept):
+        assert (folder / str(line["image"])).read_bytes() == head + bytes([index % 256]) * SIZE
+    summary = lines(stdout)[-1]
+    assert summary["event"] == "summary"
+    assert summary["frames"] == len(kept) >= 49
+    # The recording may hold a frame that was read and not handed over any more, and never fewer.
+    assert summary["recorded"]["frames"] >= len(kept)  # type: ignore[index]
+    assert recording.read_bytes().endswith(b"\x89MCAP0\r\n")
+
+
+def test_stopped_while_waiting_for_a_connection() -> None:
+    served = Server([lambda to: to.sendall(frame(0))])
+    with stream("--port", served.url, "--reconnect") as process:
+        assert process.stdout is not None
+        while '"disconnected"' not in process.stdout.readline():
+            pass
+        served.listening.close()
+        process.send_signal(signal.SIGINT)
+        stdout, stderr = process.communicate(timeout=30)
+    assert process.returncode == 0, stderr
+    assert lines(stdout)[-1]["frames"] == 1
