@@ -293,10 +293,13 @@ class Stream:
         """Everything that comes, in its order; otherwise as iteration over frames. With `states` also a State whenever
         that changes, and at each try to connect again."""
         for event in self._everything():
+            if isinstance(event, State):
+                if states:
+                    yield event
+                continue
             if self.tap is not None:
                 self.tap.event(event)
-            if states or not isinstance(event, State):
-                yield event
+            yield event
 
     def _everything(self) -> Iterator[Event]:
         while (events := self.poll()) is not None:
@@ -317,7 +320,7 @@ class Stream:
         with self._reading:
             if self._closed or self._ended:
                 return None
-            data = self.port.read()
+            data = self.port.read(session.bytes_wanted)
             now = self._now_ns = self.port.clock_ns()
         events: list[Event] = []
         if data is None:
@@ -454,7 +457,7 @@ def open_stream(
 
     def connect_session(first_index: int) -> Connection:
         opened = open_port(port, baud, framing, camera)
-        own = getattr(opened, "dialect", "auto")
+        own: Dialect = getattr(opened, "dialect", "auto")
         return opened, Session(opened.framing, own if dialect == "auto" else dialect, first_index)
 
     Session("tcp", dialect)  # judges the dialect before anything is opened
