@@ -1,5 +1,7 @@
 #include "image.h"
 
+#include "checks.h"
+
 enum { PERIOD_MAX_US = 10000000, DATA_MIN = NATIVE_FRAME_BYTES };
 
 /// What every picture must satisfy, stock or native: 0 or ERR_VALUE.
@@ -23,6 +25,15 @@ static void native_start(uint8_t out[4], uint8_t kind, uint16_t third) {
     out[0] = NATIVE_MAGIC;
     out[1] = kind;
     store16_le(out + 2, third);
+}
+
+static void native_seal(uint8_t *out, size_t size) {
+    store32_le(out + size, crc32_zlib(0, (bytes_t){out, size}));
+}
+
+/// The `size` bytes before the check are as they were sent. `in` holds both.
+static bool native_sealed(bytes_t in, size_t size) {
+    return load32_le(in.data + size) == crc32_zlib(0, (bytes_t){in.data, size});
 }
 
 void image_stock_encode(const image_stock_t *header, uint8_t out[11]) {
@@ -56,7 +67,7 @@ int image_stock_decode(bytes_t in, image_stock_t *header) {
     return IMAGE_STOCK_BYTES;
 }
 
-void native_frame_encode(const native_frame_t *frame, uint8_t out[100]) {
+void native_frame_encode(const native_frame_t *frame, uint8_t out[104]) {
     native_start(out, NATIVE_FRAME, NATIVE_FRAME_BYTES);
     store32_le(out + 4, frame->frame);
     store16_le(out + 8, frame->width);
@@ -86,6 +97,7 @@ void native_frame_encode(const native_frame_t *frame, uint8_t out[100]) {
     store32_le(out + 88, frame->frames_unsent);
     store32_le(out + 92, frame->spi_errors);
     store32_le(out + 96, frame->packets_dropped);
+    native_seal(out, NATIVE_FRAME_BYTES - NATIVE_CHECK_BYTES);
 }
 
 int native_frame_decode(bytes_t in, native_frame_t *frame) {
@@ -96,6 +108,9 @@ int native_frame_decode(bytes_t in, native_frame_t *frame) {
     const uint16_t header_bytes = load16_le(in.data + 2);
     if (header_bytes < NATIVE_FRAME_BYTES || header_bytes > in.size) {
         return ERR_LENGTH;
+    }
+    if (!native_sealed(in, NATIVE_FRAME_BYTES - NATIVE_CHECK_BYTES)) {
+        return ERR_CHECK;
     }
     const native_frame_t read = {
         .frame = load32_le(in.data + 4),
@@ -152,8 +167,8 @@ int native_data_decode(bytes_t in, uint16_t *frame_low, uint32_t *offset, bytes_
 }
 
 size_t native_pairs_encode(const native_pair_t *pairs, size_t count, uint32_t lost, bytes_mut_t out) {
-    if (count < 1 || count > NATIVE_PAIRS_MAX ||
-        out.size < NATIVE_PAIRS_HEAD_BYTES + count * NATIVE_PAIR_BYTES) {
+    const size_t size = NATIVE_PAIRS_HEAD_BYTES + count * NATIVE_PAIR_BYTES;
+    if (count < 1 || count > NATIVE_PAIRS_MAX || out.size < size + NATIVE_CHECK_BYTES) {
         return 0;
     }
     native_start(out.data, NATIVE_PAIRS, (uint16_t)count);
@@ -165,7 +180,8 @@ size_t native_pairs_encode(const native_pair_t *pairs, size_t count, uint32_t lo
         store64_le(at + 12, pairs[i].gap8_us);
         at[20] = pairs[i].epoch;
     }
-    return NATIVE_PAIRS_HEAD_BYTES + count * NATIVE_PAIR_BYTES;
+    native_seal(out.data, size);
+    return size + NATIVE_CHECK_BYTES;
 }
 
 int native_pairs_decode(bytes_t in, native_pair_t pairs[48], size_t *count, uint32_t *lost) {
@@ -177,9 +193,12 @@ int native_pairs_decode(bytes_t in, native_pair_t pairs[48], size_t *count, uint
     if (stated < 1 || stated > NATIVE_PAIRS_MAX) {
         return ERR_VALUE;
     }
-    const int used = NATIVE_PAIRS_HEAD_BYTES + stated * NATIVE_PAIR_BYTES;
-    if (in.size < (size_t)used) {
+    const size_t size = NATIVE_PAIRS_HEAD_BYTES + (size_t)stated * NATIVE_PAIR_BYTES;
+    if (in.size < size + NATIVE_CHECK_BYTES) {
         return ERR_SHORT;
+    }
+    if (!native_sealed(in, size)) {
+        return ERR_CHECK;
     }
     const uint8_t *at = in.data + NATIVE_PAIRS_HEAD_BYTES;
     for (size_t i = 0; i < stated; i++, at += NATIVE_PAIR_BYTES) {
@@ -192,10 +211,10 @@ int native_pairs_decode(bytes_t in, native_pair_t pairs[48], size_t *count, uint
     }
     *count = stated;
     *lost = load32_le(in.data + 4);
-    return used;
+    return (int)(size + NATIVE_CHECK_BYTES);
 }
 
-void native_status_encode(const native_status_t *status, uint8_t out[60]) {
+void native_status_encode(const native_status_t *status, uint8_t out[64]) {
     native_start(out, NATIVE_STATUS, 0);
     store64_le(out + 4, status->up_us);
     store32_le(out + 12, status->frames_forwarded);
@@ -210,12 +229,16 @@ void native_status_encode(const native_status_t *status, uint8_t out[60]) {
     store32_le(out + 48, status->uart_gaps);
     store32_le(out + 52, status->spi_errors);
     store32_le(out + 56, status->tcp_skipped_bytes);
+    native_seal(out, NATIVE_STATUS_BYTES - NATIVE_CHECK_BYTES);
 }
 
 int native_status_decode(bytes_t in, native_status_t *status) {
     const int error = native_check(in, NATIVE_STATUS, NATIVE_STATUS_BYTES);
     if (error < 0) {
         return error;
+    }
+    if (!native_sealed(in, NATIVE_STATUS_BYTES - NATIVE_CHECK_BYTES)) {
+        return ERR_CHECK;
     }
     *status = (native_status_t){
         .up_us = load64_le(in.data + 4),

@@ -1,13 +1,14 @@
 /// The image stream, GAP8 -> host: the stock messages, and the native ones that are sent only when asked for.
 ///
 /// Stock: an 11-byte header packet, then the body in packets of at most CPX_DATA_MAX bytes; no counter, no
-/// time, no check. Native: each packet says frame and offset, and each frame carries its times, counters and
-/// a CRC-32. Both go as CPX_APP from CPX_GAP8 to CPX_HOST. Firmware that speaks native announces it in the
-/// reserved bit of the route of its stock header packets, where no known viewer looks; it sends native only
-/// to a host that has asked (NATIVE_STREAM), until that host disconnects. Layouts: docs/PROTOCOL.md, "Image
-/// stream". Each native message is one CPX packet with last_packet set. UART2 carries 98 bytes of data, so
-/// there the ESP32 cuts longer ones: last_packet is clear in all pieces but the last, and the receiver joins
-/// them again by it. Stock packets are cut likewise and need no joining: their receiver counts bytes.
+/// time, no check. Native: each packet says frame and offset, each frame carries its times, counters and a
+/// CRC-32 of its body, and what carries times or counters has a CRC-32 of its own: SPI has none. Both go as
+/// CPX_APP from CPX_GAP8 to CPX_HOST. Firmware that speaks native announces it in the reserved bit of the
+/// route of its stock header packets, where no known viewer looks; it sends native only to a host that has
+/// asked (NATIVE_STREAM), until that host disconnects. Layouts: docs/PROTOCOL.md, "Image stream". Each native
+/// message is one CPX packet with last_packet set. UART2 carries 98 bytes of data, so there the ESP32 cuts
+/// longer ones: last_packet is clear in all pieces but the last, and the receiver joins them again by it.
+/// Stock packets are cut likewise and need no joining: their receiver counts bytes.
 #ifndef SPINDECK_CORE_IMAGE_H
 #define SPINDECK_CORE_IMAGE_H
 
@@ -21,7 +22,7 @@ enum {
     IMAGE_SIDE_MAX = 1024,        ///< pixels; the sensor has 324
     IMAGE_BODY_MAX = 1024 * 1024, ///< bytes; anything larger is a damaged header
     NATIVE_MAGIC = 0x4E,
-    NATIVE_FRAME_BYTES = 100,
+    NATIVE_FRAME_BYTES = 104,
     NATIVE_DATA_HEAD_BYTES = 8,
     NATIVE_DATA_BODY_MAX = 1012, ///< CPX_DATA_MAX - NATIVE_DATA_HEAD_BYTES
     NATIVE_PAIRS_HEAD_BYTES = 8,
@@ -30,7 +31,8 @@ enum {
     NATIVE_STREAM_BYTES = 6,
     NATIVE_CAMERA_BYTES = 14,
     NATIVE_REPLY_BYTES = 4,
-    NATIVE_STATUS_BYTES = 60,
+    NATIVE_STATUS_BYTES = 64,
+    NATIVE_CHECK_BYTES = 4, ///< crc32_zlib of all before it: ends a frame, pairs or status message
 };
 
 /// The second byte of every native message.
@@ -119,7 +121,7 @@ typedef struct {
     uint32_t uart_gaps;
     uint32_t spi_errors;
     uint32_t tcp_skipped_bytes;
-} native_status_t; ///< 2 + 2 (spare) + 8 + 12 * 4 = NATIVE_STATUS_BYTES
+} native_status_t; ///< 2 + 2 (spare) + 8 + 12 * 4 + NATIVE_CHECK_BYTES = NATIVE_STATUS_BYTES
 
 typedef struct {
     uint8_t dialect; ///< 0 stock, 1 native
@@ -144,9 +146,9 @@ typedef struct {
 
 /// Encoders write exactly the size in the name. They cannot fail.
 void image_stock_encode(const image_stock_t *header, uint8_t out[11]);
-void native_frame_encode(const native_frame_t *frame, uint8_t out[100]);
+void native_frame_encode(const native_frame_t *frame, uint8_t out[104]);
 void native_data_encode_head(uint32_t frame, uint32_t offset, uint8_t out[8]);
-void native_status_encode(const native_status_t *status, uint8_t out[60]);
+void native_status_encode(const native_status_t *status, uint8_t out[64]);
 void native_stream_encode(const native_stream_t *stream, uint8_t out[6]);
 void native_camera_encode(const native_camera_t *camera, uint8_t out[14]);
 void native_reply_encode(const native_reply_t *reply, uint8_t out[4]);
@@ -159,7 +161,7 @@ size_t native_pairs_encode(const native_pair_t *pairs, size_t count, uint32_t lo
 /// untouched on error. Longer input than needed is allowed for messages (they may grow), not for the stock
 /// header, which is ERR_LENGTH unless exactly 11 bytes. Stock: ERR_VALUE unless 1 <= sides <= IMAGE_SIDE_MAX,
 /// depth 1..4, type 0 or 1, 1 <= size <= IMAGE_BODY_MAX, and for raw size = width * height * depth. Native
-/// frame: likewise.
+/// frame: likewise. Native frame, pairs and status: ERR_CHECK when their CRC-32 does not match.
 int image_stock_decode(bytes_t in, image_stock_t *header);
 int native_frame_decode(bytes_t in, native_frame_t *frame);
 /// `frame_low` gets the low 16 bits of the frame number; `body` views `in` and is never empty.

@@ -99,7 +99,8 @@ static size_t stock_body(gap8_t *self, const gap8_slot_t *slot, uint8_t *data) {
 
 static size_t native_pairs(gap8_t *self, uint8_t *data) {
     native_pair_t pairs[NATIVE_PAIRS_MAX];
-    const size_t fits = ((size_t)self->send_data_max - NATIVE_PAIRS_HEAD_BYTES) / NATIVE_PAIR_BYTES;
+    const size_t around = NATIVE_PAIRS_HEAD_BYTES + NATIVE_CHECK_BYTES;
+    const size_t fits = ((size_t)self->send_data_max - around) / NATIVE_PAIR_BYTES;
     size_t count = self->send_pairs_left;
     count = count < fits ? count : fits;
     count = count < NATIVE_PAIRS_MAX ? count : NATIVE_PAIRS_MAX;

@@ -2,6 +2,7 @@
 
 import random
 import struct
+import zlib
 
 from board import APP, ESP32, GAP8, HOST, STM32, WIFI_CTRL, App, cpx, link, uart, unlink
 from c_memory import POISONS
@@ -60,13 +61,17 @@ def stock_frame(width: int, height: int, seed: int = 0, encoding: int = 0) -> li
     ]
 
 
+def sealed(message: bytes) -> bytes:
+    return message + struct.pack("<I", zlib.crc32(message))
+
+
 def native_frame(size: int, frame: int = 0, pairs: int = 0, data_max: int = 1020) -> list[bytes]:
     """A JPEG, so that any size is right."""
     body = random.Random(frame).randbytes(size)
-    header = struct.pack("<BBHIHHBBHI", 0x4E, 1, 100, frame, 324, 324, 1, 1, 0, size).ljust(100, b"\0")
+    header = sealed(struct.pack("<BBHIHHBBHI", 0x4E, 1, 104, frame, 324, 324, 1, 1, 0, size).ljust(100, b"\0"))
     one = bytes(21)
-    messages = [struct.pack("<BBBBI", 0x4E, 3, 48, 0, 0) + one * 48 for _ in range(pairs // 48)]
-    messages += [struct.pack("<BBBBI", 0x4E, 3, pairs % 48, 0, 0) + one * (pairs % 48)] if pairs % 48 else []
+    counts = [48] * (pairs // 48) + [pairs % 48] * (pairs % 48 > 0)
+    messages = [sealed(struct.pack("<BBBBI", 0x4E, 3, count, 0, 0) + one * count) for count in counts]
     step = data_max - 8
     data = [struct.pack("<HHI", 0x024E, frame & 0xFFFF, at) + body[at : at + step] for at in range(0, size, step)]
     return [cpx(GAP8, HOST, APP, message) for message in [header, *messages, *data]]

@@ -3,6 +3,7 @@
 import binascii
 import random
 import struct
+import zlib
 from typing import Any
 
 from board import APP, ESP32, GAP8, HOST, WIFI_CTRL, App, cpx, link
@@ -13,7 +14,8 @@ from host.native import ffi, lib
 RAW, JPEG = 0, 1
 CONNECTED, GONE = (link(cpx(ESP32, GAP8, WIFI_CTRL, bytes([0x32, on]))) for on in (1, 0))
 NONE_YET = 2**32 - 1
-TIMEOUT_US = 1_000_000
+TIMEOUT_US = 500_000 + 2 * (40 + 100) * 62_700 // 1000
+"""Height and exposure in lines of 62.7 us, twice, and half a second."""
 
 CAMERA = {"analog_gain": 1, "digital_gain": 64, "burst": 1, "exposure_lines": 100}
 
@@ -70,17 +72,18 @@ def ask_native(app: App, data_max: int = 0) -> None:
 
 def frame_message(packet: bytes) -> Any:
     assert packet[:2] == cpx(GAP8, HOST, APP, b"")
-    assert len(packet) == 2 + 100
+    assert len(packet) == 2 + 104
     header = ffi.new("native_frame_t *")
     memory = ffi.from_buffer(packet[2:])
-    assert lib.native_frame_decode((ffi.cast("uint8_t *", memory), 100), header) == 100
+    assert lib.native_frame_decode((ffi.cast("uint8_t *", memory), 104), header) == 104
     return header
 
 
 def pairs_message(packet: bytes) -> tuple[list[tuple[int, int, int, int]], int]:
     kind, count, spare, lost = struct.unpack_from("<HBBI", packet, 2)
     assert (kind, spare) == (0x034E, 0)
-    assert len(packet) == 2 + 8 + 21 * count
+    assert len(packet) == 2 + 8 + 21 * count + 4
+    assert struct.unpack("<I", packet[-4:]) == (zlib.crc32(packet[2:-4]),)
     return [struct.unpack_from("<IQQB", packet, 10 + 21 * n) for n in range(count)], lost
 
 

@@ -1,6 +1,7 @@
 """The image stream's messages, stock and native: a literal for each."""
 
 import random
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,10 @@ import pytest
 from c_memory import POISONS, Bytes, Room, poisoned, seen, untouched
 
 from host.native import ffi, lib
+
+
+def sealed(covered: bytes) -> bytes:
+    return covered + zlib.crc32(covered).to_bytes(4, "little")
 
 
 @dataclass(frozen=True)
@@ -49,10 +54,11 @@ FRAME_FIELDS = {
     "packets_dropped": 0x99,
 }
 FRAME_WIRE = bytes.fromhex(
-    "4e 01 64 00 01 02 03 04 44 01 f4 00 01 00 03 01 d0 34 01 00 11 12 13 14"
+    "4e 01 68 00 01 02 03 04 44 01 f4 00 01 00 03 01 d0 34 01 00 11 12 13 14"
     "11 12 13 14 15 16 17 18 21 22 23 24 25 26 27 28 31 32 33 34 41 42 43 44"
     "51 52 53 54 61 62 63 64 71 72 73 74 81 82 83 84"
     "91 00 00 00 92 00 00 00 93 00 00 00 94 00 00 00 95 00 00 00 96 00 00 00 97 00 00 00 98 00 00 00 99 00 00 00"
+    "47 20 a7 90"
 )
 STATUS_COUNTERS = [
     "frames_forwarded",
@@ -79,7 +85,8 @@ NATIVE = [
     Message(
         "native_status",
         bytes.fromhex("4e 04 00 00 01 02 03 04 05 06 07 08")
-        + b"".join(bytes([0x21 + i, 0, 0, 0x31]) for i in range(12)),
+        + b"".join(bytes([0x21 + i, 0, 0, 0x31]) for i in range(12))
+        + bytes.fromhex("9f 90 1b 8a"),
         {"up_us": 0x0807060504030201, **{name: 0x31000021 + i for i, name in enumerate(STATUS_COUNTERS)}},
     ),
     Message("native_stream", bytes.fromhex("4e 10 01 00 fc 03"), {"dialect": 1, "data_max": 1020}),
@@ -154,6 +161,16 @@ def test_refusals_leave_the_struct_alone(message: Message, poison: int) -> None:
     assert untouched(out, poison)
 
 
+@pytest.mark.parametrize("message", NATIVE[:2], ids=lambda message: message.name)
+def test_no_bit_of_a_checked_message_may_change(message: Message) -> None:
+    out = poisoned(f"{message.name}_t", 0xA5)
+    for bit in range(32, 8 * len(message.wire)):  # what comes before says what it is, and how long
+        wire = bytearray(message.wire)
+        wire[bit // 8] ^= 1 << bit % 8
+        assert decoder(message)(bytes(wire), out) == lib.ERR_CHECK, bit
+    assert untouched(out, 0xA5)
+
+
 PICTURES = [
     # width, height, depth, encoding, size, good
     (1, 1, 1, 0, 1, True),
@@ -185,7 +202,7 @@ def test_what_a_picture_can_be(width: int, height: int, depth: int, encoding: in
     native = bytearray(FRAME_WIRE)
     native[8:14] = geometry
     native[16:20] = size.to_bytes(4, "little")
-    for wire, message in ((stock, STOCK), (bytes(native), NATIVE[0])):
+    for wire, message in ((stock, STOCK), (sealed(bytes(native[:-4])), NATIVE[0])):
         out = poisoned(f"{message.name}_t", 0xA5)
         assert decoder(message)(wire, out) == (len(wire) if good else lib.ERR_VALUE), message.name
         assert good or untouched(out, 0xA5)
@@ -193,17 +210,25 @@ def test_what_a_picture_can_be(width: int, height: int, depth: int, encoding: in
 
 @pytest.mark.parametrize(
     ("stated", "size", "result"),
-    [(100, 100, 100), (101, 101, 101), (120, 130, 120), (99, 130, -3), (0, 100, -3), (101, 100, -3), (65535, 130, -3)],
+    [(104, 104, 104), (105, 105, 105), (120, 130, 120), (103, 130, -3), (0, 104, -3), (105, 104, -3), (65535, 130, -3)],
 )
 def test_native_frame_says_how_long_its_header_is(stated: int, size: int, result: int) -> None:
-    wire = FRAME_WIRE[:2] + stated.to_bytes(2, "little") + FRAME_WIRE[4:] + bytes(30)
+    wire = sealed(FRAME_WIRE[:2] + stated.to_bytes(2, "little") + FRAME_WIRE[4:-4]) + bytes(30)
     assert decoder(NATIVE[0])(wire[:size], ffi.new("native_frame_t *")) == result
     assert lib.ERR_LENGTH == -3
 
 
 @pytest.mark.parametrize(
     ("dialect", "data_max", "good"),
-    [(0, 0, True), (1, 100, True), (1, 1020, True), (2, 0, False), (255, 100, False), (1, 99, False), (1, 1021, False)],
+    [
+        (0, 0, True),
+        (1, 104, True),
+        (1, 1020, True),
+        (2, 0, False),
+        (255, 104, False),
+        (1, 103, False),
+        (1, 1021, False),
+    ],
 )
 def test_native_stream_ranges(dialect: int, data_max: int, good: bool) -> None:
     wire = b"\x4e\x10" + bytes([dialect, 0]) + data_max.to_bytes(2, "little")
@@ -268,6 +293,7 @@ PAIRS_WIRE = bytes.fromhex(
     "4e 03 02 00 41 42 43 44"
     "01 02 03 04 11 12 13 14 15 16 17 18 21 22 23 24 25 26 27 28 31"
     "05 00 00 00 06 00 00 00 00 00 00 00 07 00 00 00 00 00 00 00 08"
+    "06 6f b2 7d"
 )
 
 
@@ -291,10 +317,10 @@ def test_native_pairs_from_none_to_too_many() -> None:
     assert lib.native_pairs_encode(pairs, 0, 0, room.view) == 0
     assert lib.native_pairs_encode(pairs, 49, 0, room.view) == 0
     assert set(bytes(room)) == {0xA5}
-    assert lib.native_pairs_encode(pairs, 48, 9, room.view) == 1016
+    assert lib.native_pairs_encode(pairs, 48, 9, room.view) == 1020
 
     out, count, lost = ffi.new("native_pair_t[48]"), ffi.new("size_t *"), ffi.new("uint32_t *")
-    assert lib.native_pairs_decode(Bytes(bytes(room)[:1016]).view, out, count, lost) == 1016
+    assert lib.native_pairs_decode(Bytes(bytes(room)[:1020]).view, out, count, lost) == 1020
     assert (count[0], lost[0]) == (48, 9)
     assert [(pair.sequence, pair.stm32_us, pair.gap8_us, pair.epoch) for pair in out] == sent[:48]
 
@@ -309,6 +335,12 @@ def test_native_pairs_decode(poison: int) -> None:
         wire = PAIRS_WIRE[:2] + bytes([stated]) + PAIRS_WIRE[3:] + bytes(6000)
         assert lib.native_pairs_decode(Bytes(wire).view, out, count, lost) == lib.ERR_VALUE
     assert lib.native_pairs_decode(Bytes(b"\x4e\x02" + PAIRS_WIRE[2:]).view, out, count, lost) == lib.ERR_START
+    assert all(set(bytes(ffi.buffer(item))) == {poison} for item in (out, count, lost))
+
+    for bit in range(32, 8 * len(PAIRS_WIRE)):
+        changed = bytearray(PAIRS_WIRE)
+        changed[bit // 8] ^= 1 << bit % 8
+        assert lib.native_pairs_decode(Bytes(bytes(changed)).view, out, count, lost) == lib.ERR_CHECK, bit
     assert all(set(bytes(ffi.buffer(item))) == {poison} for item in (out, count, lost))
 
     assert lib.native_pairs_decode(Bytes(PAIRS_WIRE + b"\xff").view, out, count, lost) == len(PAIRS_WIRE)

@@ -183,13 +183,13 @@ def test_pairs_never_take_the_place_of_a_body() -> None:
 
 def test_a_frame_in_smaller_packets_than_asked_for_is_cut_when_the_ring_is_full() -> None:
     app = esp32()
-    frame = native_frame(104_976, 1, 0, 100)
+    frame = native_frame(104_976, 1, 0, 104)
     give_all(app, frame)
     packets = from_tcp(app)
     assert packets == frame[: len(packets)]
     assert len(packets) < len(frame)
     assert (app.frames_cut, app.frames_forwarded) == (1, 0)
-    following = native_frame(1000, 2, 0, 100)
+    following = native_frame(1000, 2, 0, 104)
     give_all(app, following)
     assert from_tcp(app) == following
 

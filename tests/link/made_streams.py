@@ -37,17 +37,22 @@ def stock(
     return [header, *(packet(body[at : at + piece]) for at in range(0, len(body), piece))]
 
 
+def sealed(message: bytes) -> bytes:
+    return message + struct.pack("<I", zlib.crc32(message))
+
+
 def native_header(frame: int, body: bytes, width: int, height: int, **values: int) -> bytes:
     """The data of a native frame header; `values` by field name, 0 where not given."""
     given = {"flags": 3, "crc": zlib.crc32(body), "gap8_us": 1000 * frame, "stm32_us": 1000 * frame + 7, "bound_us": 9}
     given.update(values)
-    return struct.pack(
+    message = struct.pack(
         "<BBHIHHBBHIIQQIBBBBIIIIIIIIIIIII",
-        *(0x4E, 1, 100, frame, width, height, 1, given.get("kind", 0), given["flags"], len(body), given["crc"]),
+        *(0x4E, 1, 104, frame, width, height, 1, given.get("kind", 0), given["flags"], len(body), given["crc"]),
         *(given["gap8_us"], given["stm32_us"], given["bound_us"], given.get("epoch", 0), 1, 64, 1, 100, 125_333),
         *(given.get("stamp_sequence", 0), given.get("stamp_age_us", 0), 0, 0, 0, 0, 0, 0),
         *(given.get("frames_unsent", 0), 0, 0),
     )
+    return sealed(message)
 
 
 def native(frame: int, body: bytes, width: int, height: int, piece: int = 1012, **values: int) -> list[bytes]:
@@ -63,11 +68,12 @@ def native(frame: int, body: bytes, width: int, height: int, piece: int = 1012, 
 
 def pairs(rows: Iterable[tuple[int, int, int, int]], lost: int = 0) -> bytes:
     rows = list(rows)
-    return packet(struct.pack("<BBHI", 0x4E, 3, len(rows), lost) + b"".join(struct.pack("<IQQB", *row) for row in rows))
+    listed = b"".join(struct.pack("<IQQB", *row) for row in rows)
+    return packet(sealed(struct.pack("<BBHI", 0x4E, 3, len(rows), lost) + listed))
 
 
 def status(dropped: int, up_us: int = 5) -> bytes:
-    return packet(struct.pack("<BBHQ12I", 0x4E, 4, 0, up_us, 0, dropped, *([0] * 10)), ESP32_TO_HOST_APP)
+    return packet(sealed(struct.pack("<BBHQ12I", 0x4E, 4, 0, up_us, 0, dropped, *([0] * 10))), ESP32_TO_HOST_APP)
 
 
 def reply(request: int, code: int) -> bytes:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
-from wire_formats import BY_NAME, decode, encode, repair_uart
+from wire_formats import BY_NAME, decode, encode, repair_frame, repair_pairs, repair_status, repair_uart
 
 Case = tuple[str, bytes, bool]
 MEGABYTE = 1 << 20
@@ -50,23 +50,25 @@ def cases() -> Iterator[Case]:
     yield "stock header", stock + b"\0", False
 
     frame = encode(BY_NAME["native frame"], {"width": 1, "height": 1, "depth": 1, "body_bytes": 1}, 0)
-    yield from starts("native frame", frame, 2)
-    for header_bytes, more, accepted in ((99, 0, False), (100, 5, True), (101, 0, False), (101, 1, True)):
-        yield "native frame", frame[:2] + bytes([header_bytes, 0]) + frame[4:] + bytes(more), accepted
+    yield from starts("native frame", frame, 104)
+    for header_bytes, more, accepted in ((103, 0, False), (104, 5, True), (105, 0, False), (105, 1, True)):
+        wire = repair_frame(frame[:2] + bytes([header_bytes, 0]) + frame[4:])
+        yield "native frame", wire + bytes(more), accepted
 
     for count, accepted in ((0, False), (1, True), (48, True), (49, False), (255, False)):
-        yield "native pairs", bytes([0x4E, 3, count]) + bytes(5 + 21 * 255), accepted
-    yield from starts("native pairs", bytes([0x4E, 3, 1]) + bytes(5 + 21), 2)
+        yield "native pairs", repair_pairs(bytes([0x4E, 3, count]) + bytes(9 + 21 * 255)), accepted
+    yield from starts("native pairs", repair_pairs(bytes([0x4E, 3, 1]) + bytes(9 + 21)), 2 + 1 + 1 + 4 + 21 + 4)
     yield from starts("native data", bytes([0x4E, 2]) + bytes(7), 2)
-    yield from starts("native status", bytes([0x4E, 4]) + bytes(58), 2)
+    yield from starts("native status", repair_status(bytes([0x4E, 4]) + bytes(62)), 64)
     yield from starts("native reply", bytes([0x4E, 5]) + bytes(2), 2)
     yield from starts("native camera", bytes([0x4E, 17]) + bytes(12), 2)
-    yield "native status", bytes([0x4E, 4, 1, 2]) + bytes(57), True  # spare bytes in use, and a byte more
+    spare_used = repair_status(bytes([0x4E, 4, 1, 2]) + bytes(60))
+    yield "native status", spare_used + b"\0", True
 
     yield from starts("native stream", bytes([0x4E, 16]) + bytes(4), 2)
     for dialect, accepted in ((1, True), (2, False), (255, False)):
         yield "native stream", bytes([0x4E, 16, dialect, 9, 0, 0]), accepted
-    for data_max, accepted in ((1, False), (99, False), (100, True), (1020, True), (1021, False), (65535, False)):
+    for data_max, accepted in ((1, False), (103, False), (104, True), (1020, True), (1021, False), (65535, False)):
         yield "native stream", bytes([0x4E, 16, 1, 0]) + data_max.to_bytes(2, "little"), accepted
 
     for length, accepted in ((0, True), (1, False), (2, True), (100, True), (101, False), (255, False)):

@@ -178,6 +178,22 @@ def repair_stamp(data: bytes) -> bytes:
     return data[:15] + checks.crc16(data[2:15]).to_bytes(2, "little") + data[17:] if len(data) >= 17 else data
 
 
+def repair_frame(data: bytes) -> bytes:
+    return repair_check32(data, 100)
+
+
+def repair_pairs(data: bytes) -> bytes:
+    return repair_check32(data, 8 + 21 * data[2]) if len(data) > 2 else data
+
+
+def repair_status(data: bytes) -> bytes:
+    return repair_check32(data, 60)
+
+
+def repair_check32(data: bytes, at: int) -> bytes:
+    return data[:at] + checks.crc32(data[:at]).to_bytes(4, "little") + data[at + 4 :] if len(data) >= at + 4 else data
+
+
 # The two messages that are no plain struct.
 
 
@@ -257,8 +273,9 @@ FORMATS = [
         "native_frame_t",
         "native_frame",
         native.FRAME,
-        100,
+        104,
         merged(any_values("native_frame_t"), pictures("encoding", "body_bytes")),
+        repair=repair_frame,
     ),
     Format(
         "native data",
@@ -296,8 +313,17 @@ FORMATS = [
         lib.native_pairs_decode,
         ("native_pair_t[48]", "size_t *", "uint32_t *"),
         read_pairs,
+        repair=repair_pairs,
     ),
-    message("native status", "native_status_t", "native_status", native.STATUS, 60, any_values("native_status_t")),
+    message(
+        "native status",
+        "native_status_t",
+        "native_status",
+        native.STATUS,
+        64,
+        any_values("native_status_t"),
+        repair=repair_status,
+    ),
     message("native reply", "native_reply_t", "native_reply", native.REPLY, 4, any_values("native_reply_t")),
     message(
         "native stream",
@@ -305,7 +331,7 @@ FORMATS = [
         "native_stream",
         native.STREAM,
         6,
-        any_values("native_stream_t", dialect=st.integers(0, 1), data_max=st.just(0) | st.integers(100, 1020)),
+        any_values("native_stream_t", dialect=st.integers(0, 1), data_max=st.just(0) | st.integers(104, 1020)),
     ),
     message("native camera", "native_camera_t", "native_camera", native.CAMERA, 14, any_values("native_camera_t")),
 ]

@@ -27,8 +27,13 @@ STAMP = {"sequence": 123456, "stm32_us": 987654321012, "epoch": 3}
 stamped = struct.pack("<IQB", *STAMP.values())
 crc16 = crcmod.predefined.mkPredefinedCrcFun("crc-ccitt-false")(stamped)
 
+
+def sealed(message):
+    return message + struct.pack("<I", zlib.crc32(message))
+
+
 MESSAGES = [
-    ("native frame", FRAME, struct.pack("<BBHIHHBBHIIQQIBBBBIIIIIIIIIIIII", 0x4E, 1, 100, *FRAME.values())),
+    ("native frame", FRAME, sealed(struct.pack("<BBHIHHBBHIIQQIBBBBIIIIIIIIIIIII", 0x4E, 1, 104, *FRAME.values()))),
     (
         "native data",
         {"frame_low": 70000 % 65536, "offset": 1012},
@@ -37,9 +42,11 @@ MESSAGES = [
     (
         "native pairs",
         {"lost": 3, "pairs": PAIRS},
-        struct.pack("<BBBBI", 0x4E, 3, 2, 0, 3) + b"".join(struct.pack("<IQQB", *pair.values()) for pair in PAIRS),
+        sealed(
+            struct.pack("<BBBBI", 0x4E, 3, 2, 0, 3) + b"".join(struct.pack("<IQQB", *pair.values()) for pair in PAIRS)
+        ),
     ),
-    ("native status", STATUS, struct.pack("<BBHQ12I", 0x4E, 4, 0, *STATUS.values())),
+    ("native status", STATUS, sealed(struct.pack("<BBHQ12I", 0x4E, 4, 0, *STATUS.values()))),
     ("native reply", {"request": 17, "status": 2}, bytes([0x4E, 5, 17, 2])),
     ("native stream", {"dialect": 1, "data_max": 1020}, struct.pack("<BBBBH", 0x4E, 16, 1, 0, 1020)),
     ("native camera", CAMERA, struct.pack("<BBBBBBBBHI", 0x4E, 17, 1, 4, 200, 2, 1, 0, 532, 66667)),

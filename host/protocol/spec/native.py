@@ -5,8 +5,11 @@ from typing import Any
 from construct import (
     Array,
     Check,
+    Checksum,
     Const,
     Default,
+    ExprAdapter,
+    FocusedSeq,
     GreedyBytes,
     Int8ul,
     Int16ul,
@@ -14,11 +17,13 @@ from construct import (
     Int64ul,
     OneOf,
     Padding,
+    RawCopy,
     Rebuild,
     Struct,
     this,
 )
 
+from .checks import crc32
 from .image import BODY_BYTES, DEPTH, ENCODING, SIDE, raw_size_ok
 from .values import Value
 
@@ -55,11 +60,22 @@ def message(kind: int, *fields: Any) -> Any:
     return Struct("magic" / Const(0x4E, Int8ul) * "magic", "kind" / Const(kind, Int8ul) * "kind", *fields)
 
 
-FRAME = message(
+def sealed(covered: Any, *behind: Any) -> Any:
+    """That message and a check of it. `behind`: what comes after the check."""
+    whole = FocusedSeq(
+        "covered",
+        "covered" / RawCopy(covered),
+        "check32" / Checksum(Int32ul, crc32, this.covered.data) * "CRC-32 of all before it",
+        *behind,
+    )
+    return ExprAdapter(whole, lambda found, _: found.value, lambda value, _: {"value": value})
+
+
+FRAME_FIELDS = message(
     1,
     "header_bytes"
-    / Default(OneOf(Int16ul, range(100, 65536)), 100)
-    * "bytes of this message, 100 for what is described here; not more than there are",
+    / Default(OneOf(Int16ul, range(104, 65536)), 104)
+    * "bytes of this message, 104 for what is described here; not more than there are",
     "frame" / Int32ul * "+1 for each frame that the camera completed, sent or not; wraps",
     "width" / SIDE * "pixels, 1..1024",
     "height" / SIDE * "pixels, 1..1024",
@@ -88,9 +104,9 @@ FRAME = message(
     "frames_unsent" / Int32ul * "captured and not sent: nobody connected, or given up",
     "spi_errors" / Int32ul * "packets on SPI that made no sense",
     "packets_dropped" / Int32ul * "packets dropped by the GAP8, for want of room",
-    Padding(this.header_bytes - 100) * "fields of later versions, ignored",
     Check(lambda this: raw_size_ok(this, this.encoding, this.body_bytes)),
 )
+FRAME = sealed(FRAME_FIELDS, Padding(this.covered.value.header_bytes - 104) * "fields of later versions, ignored")
 
 DATA = message(
     2,
@@ -107,30 +123,34 @@ PAIR = Struct(
     "epoch" / Int8ul * "of the STM32 stamp clock",
 )
 
-PAIRS = message(
-    3,
-    "count" / Rebuild(OneOf(Int8ul, range(1, 49)), lambda this: len(this.pairs)) * "pairs, 1..48",
-    Padding(1) * "written as 0, ignored",
-    "lost" / Int32ul * "pairs lost so far, as pairs_lost in a frame message",
-    "pairs" / Array(this.count, PAIR) * "see Pair",
+PAIRS = sealed(
+    message(
+        3,
+        "count" / Rebuild(OneOf(Int8ul, range(1, 49)), lambda this: len(this.pairs)) * "pairs, 1..48",
+        Padding(1) * "written as 0, ignored",
+        "lost" / Int32ul * "pairs lost so far, as pairs_lost in a frame message",
+        "pairs" / Array(this.count, PAIR) * "see Pair",
+    )
 )
 
-STATUS = message(
-    4,
-    Padding(2) * "written as 0, ignored",
-    "up_us" / Int64ul * "us, ESP32 uptime",
-    "frames_forwarded" / Int32ul * "whole frames",
-    "frames_dropped" / Int32ul * "whole frames, because TCP was too slow",
-    "frames_cut" / Int32ul * "the GAP8 began a new frame before the last was complete",
-    "packets_forwarded" / Int32ul * "packets on any link",
-    "packets_dropped" / Int32ul * "packets other than images, for want of room",
-    "packets_unroutable" / Int32ul * "packets with an end or a version that does not exist",
-    "uart_bad_check" / Int32ul * "frames on UART2 with a bad check byte",
-    "uart_bad_length" / Int32ul * "frames on UART2 with a length out of range",
-    "uart_garbage_bytes" / Int32ul * "bytes on UART2 outside any frame",
-    "uart_gaps" / Int32ul * "frames on UART2 given up half-way",
-    "spi_errors" / Int32ul * "packets on SPI that made no sense",
-    "tcp_skipped_bytes" / Int32ul * "bytes from the host skipped to find a header",
+STATUS = sealed(
+    message(
+        4,
+        Padding(2) * "written as 0, ignored",
+        "up_us" / Int64ul * "us, ESP32 uptime",
+        "frames_forwarded" / Int32ul * "whole frames",
+        "frames_dropped" / Int32ul * "whole frames, because TCP was too slow",
+        "frames_cut" / Int32ul * "the GAP8 began a new frame before the last was complete",
+        "packets_forwarded" / Int32ul * "packets on any link",
+        "packets_dropped" / Int32ul * "packets other than images, for want of room",
+        "packets_unroutable" / Int32ul * "packets with an end or a version that does not exist",
+        "uart_bad_check" / Int32ul * "frames on UART2 with a bad check byte",
+        "uart_bad_length" / Int32ul * "frames on UART2 with a length out of range",
+        "uart_garbage_bytes" / Int32ul * "bytes on UART2 outside any frame",
+        "uart_gaps" / Int32ul * "frames on UART2 given up half-way",
+        "spi_errors" / Int32ul * "packets on SPI that made no sense",
+        "tcp_skipped_bytes" / Int32ul * "bytes from the host skipped to find a header",
+    )
 )
 
 REPLY = message(
@@ -143,7 +163,7 @@ STREAM = message(
     16,
     "dialect" / OneOf(Int8ul, (0, 1)) * "0 stock, 1 native",
     Padding(1) * "written as 0, ignored",
-    "data_max" / OneOf(Int16ul, (0, *range(100, 1021))) * "longest CPX data wanted, 100..1020 bytes; 0: 1020",
+    "data_max" / OneOf(Int16ul, (0, *range(104, 1021))) * "longest CPX data wanted, 104..1020 bytes; 0: 1020",
 )
 
 CAMERA = message(

@@ -66,7 +66,7 @@ def unwrap(part: Any) -> Any:
 
 def fields(part: Any) -> Iterator[Any]:
     """The fields of a Struct, those of a covered part in its place."""
-    for field in part.subcons:
+    for field in unwrap(part).subcons:
         inner = unwrap(field)
         if isinstance(inner, construct.Struct):
             yield from fields(inner)
@@ -107,7 +107,8 @@ def constant(field: Any) -> str:
 
 def plain(expression: str) -> str:
     """(this['length'] - 2) as a person writes it."""
-    return re.sub(r"this\['(\w+)'\]", r"\1", expression).removeprefix("(").removesuffix(")")
+    named = re.sub(r"this(?:\['covered'\]\['value'\])?\['(\w+)'\]", r"\1", expression)
+    return named.removeprefix("(").removesuffix(")")
 
 
 def bit_rows(part: Any) -> Iterator[tuple[str, ...]]:
