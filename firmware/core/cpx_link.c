@@ -64,24 +64,51 @@ static size_t wanted(const cpx_tcp_rx_t *self) {
                                                  : (size_t)LENGTH_BYTES + load16_le(self->rx);
 }
 
+static void drop(cpx_tcp_rx_t *self, size_t count) {
+    self->rx_fill = (uint16_t)(self->rx_fill - count);
+    memmove(self->rx, self->rx + count, self->rx_fill);
+}
+
+/// Skips to the first plausible header. True when its whole packet is there.
+static bool find_packet(cpx_tcp_rx_t *self) {
+    while (self->rx_fill >= CPX_LINK_HEADER_BYTES && !plausible(self->rx)) {
+        drop(self, 1);
+        self->skipped_bytes++;
+    }
+    return self->rx_fill >= CPX_LINK_HEADER_BYTES && self->rx_fill >= wanted(self);
+}
+
 bool cpx_tcp_rx(cpx_tcp_rx_t *self, bytes_t *in, cpx_packet_t *packet) {
-    while (in->size > 0) {
+    drop(self, self->rx_taken);
+    self->rx_taken = 0;
+    while (!find_packet(self)) {
+        if (in->size == 0) {
+            return false;
+        }
         const size_t missing = wanted(self) - self->rx_fill;
         const size_t taken = missing < in->size ? missing : in->size;
         memcpy(self->rx + self->rx_fill, in->data, taken);
         self->rx_fill = (uint16_t)(self->rx_fill + taken);
         in->data += taken;
         in->size -= taken;
-        if (self->rx_fill == CPX_LINK_HEADER_BYTES && !plausible(self->rx)) {
-            self->rx_fill--;
-            memmove(self->rx, self->rx + 1, self->rx_fill);
-            self->skipped_bytes++;
-        } else if (self->rx_fill >= CPX_LINK_HEADER_BYTES && self->rx_fill == wanted(self)) {
-            (void)cpx_link_decode((bytes_t){self->rx, self->rx_fill}, packet);
-            self->rx_fill = 0;
-            self->packets_in++;
-            return true;
-        }
     }
-    return false;
+    self->rx_taken = (uint16_t)cpx_link_decode((bytes_t){self->rx, self->rx_fill}, packet);
+    self->packets_in++;
+    return true;
+}
+
+bool cpx_tcp_rx_waits(const cpx_tcp_rx_t *self) {
+    return self->rx_fill > self->rx_taken;
+}
+
+void cpx_tcp_rx_give_up(cpx_tcp_rx_t *self) {
+    if (cpx_tcp_rx_waits(self)) {
+        drop(self, (size_t)self->rx_taken + 1);
+        self->rx_taken = 0;
+        self->skipped_bytes++;
+    }
+}
+
+void cpx_tcp_rx_clear(cpx_tcp_rx_t *self) {
+    self->rx_fill = self->rx_taken = 0;
 }

@@ -33,6 +33,7 @@ size_t cpx_spi_window_bytes(size_t master_size, size_t slave_size);
 typedef struct {
     uint8_t rx[CPX_LINK_FRAME_MAX];
     uint16_t rx_fill;
+    uint16_t rx_taken; ///< bytes at the front of rx that are the packet handed out last
     uint32_t packets_in;
     uint32_t skipped_bytes; ///< thrown away to find the next plausible header
 } cpx_tcp_rx_t;
@@ -43,5 +44,15 @@ void cpx_tcp_rx_init(cpx_tcp_rx_t *self);
 /// which views self->rx until the next call; false when *in is used up. A header with an impossible length,
 /// or whose route is not cpx_route_ok, is skipped by one byte, and counted.
 bool cpx_tcp_rx(cpx_tcp_rx_t *self, bytes_t *in, cpx_packet_t *packet);
+
+/// A packet has begun and is not complete.
+bool cpx_tcp_rx_waits(const cpx_tcp_rx_t *self);
+
+/// What has come of it is no packet: its first byte is skipped, and what follows is judged again, by
+/// cpx_tcp_rx with whatever comes, or with nothing.
+void cpx_tcp_rx_give_up(cpx_tcp_rx_t *self);
+
+/// All that has come is forgotten, not the counters.
+void cpx_tcp_rx_clear(cpx_tcp_rx_t *self);
 
 #endif

@@ -121,9 +121,6 @@ bool cpx_uart_receive(cpx_uart_t *self, uint8_t byte, uint64_t now_us, cpx_packe
     if (found) {
         self->held = true;
         self->owes_credit = false;
-    } else if (self->rx_fill > 0 && self->credit_us < now_us + CPX_UART_GAP_US) {
-        // The peer is using its credit: repeating it now would allow a second packet.
-        self->credit_us = now_us + CPX_UART_GAP_US;
     }
     return found;
 }
@@ -145,6 +142,13 @@ static bool frame_may_go(const cpx_uart_t *self) {
     return self->tx_sent > 0 || (self->tx_size > 0 && self->tx_credit);
 }
 
+/// When the credit is repeated. Not inside a frame that comes in: the peer is using it, and a repeated one
+/// would allow a second packet. What came in whole, as the credits of a peer that only listens, is no reason.
+static uint64_t repeat_us(const cpx_uart_t *self) {
+    const uint64_t gap_us = self->rx_fill > self->rx_taken ? self->rx_last_us + CPX_UART_GAP_US : 0;
+    return self->credit_us > gap_us ? self->credit_us : gap_us;
+}
+
 size_t cpx_uart_transmit(cpx_uart_t *self, uint8_t *out, uint64_t now_us) {
     if (self->credit_sent > 0) {
         self->credit_sent = 0;
@@ -152,7 +156,7 @@ size_t cpx_uart_transmit(cpx_uart_t *self, uint8_t *out, uint64_t now_us) {
         *out = 0;
         return 1;
     }
-    const bool repeat = !self->held && now_us >= self->credit_us;
+    const bool repeat = !self->held && now_us >= repeat_us(self);
     if (self->tx_sent == 0 && (self->owes_credit || repeat)) {
         self->credits_repeated += self->owes_credit ? 0 : 1;
         self->owes_credit = false;
@@ -177,5 +181,5 @@ uint64_t cpx_uart_deadline(const cpx_uart_t *self) {
     if (self->credit_sent > 0 || self->owes_credit || frame_may_go(self)) {
         return 0;
     }
-    return self->held ? NEVER_US : self->credit_us;
+    return self->held ? NEVER_US : repeat_us(self);
 }

@@ -13,7 +13,7 @@ int esp32_init(esp32_t *self, const esp32_config_t *config, instant_t now) {
     self->to_uart = (esp32_queue_t){.slots = self->to_uart_slots, .capacity = ESP32_TO_UART};
     self->to_spi = (esp32_queue_t){.slots = self->to_spi_slots, .capacity = ESP32_TO_SPI};
     self->to_tcp = (esp32_queue_t){.slots = self->to_tcp_slots, .capacity = ESP32_TO_TCP};
-    self->client_next_us = now.up_us + ESP32_CLIENT_REPEAT_US;
+    self->client_next_us = now.up_us;
     cpx_uart_init(&self->uart2, now.up_us);
     cpx_tcp_rx_init(&self->tcp_rx);
     esp32_images_reset(self);
@@ -104,13 +104,13 @@ static void set_client(esp32_t *self, bool on, uint64_t now_us) {
     self->to_tcp.fill = 0;
     self->packet_sent = 0;
     esp32_images_reset(self);
-    self->tcp_rx.rx_fill = 0;
+    cpx_tcp_rx_clear(&self->tcp_rx);
     self->packets_dropped += self->from_tcp.packet.size > 0;
     self->from_tcp.packet.size = 0;
     self->native = false;
     self->client = on;
     self->client_next_us = now_us + ESP32_CLIENT_REPEAT_US;
-    esp32_tell_client(self, true);
+    esp32_tell_client(self);
 }
 
 static void receive_uart(esp32_t *self, bytes_t in, uint64_t now_us) {
@@ -149,6 +149,7 @@ static size_t receive_tcp(esp32_t *self, bytes_t in, uint64_t now_us) {
     if (!self->client || self->config.host_on_uart) {
         return in.size; // of a connection that has just gone
     }
+    self->tcp_heard_us = now_us;
     while (release(self, &self->from_tcp, ESP32_PORT_TCP, now_us) &&
            cpx_tcp_rx(&self->tcp_rx, &rest, &packet)) {
         if (!route(self, &packet, ESP32_PORT_TCP, now_us)) {
@@ -208,12 +209,27 @@ int esp32_receive(esp32_t *self, esp32_port_t port, bytes_t in, instant_t now) {
     return (int)in.size;
 }
 
+/// When the packet that the host has begun is given up.
+static uint64_t tcp_gap_us(const esp32_t *self) {
+    const bool waits = cpx_tcp_rx_waits(&self->tcp_rx) && self->from_tcp.packet.size == 0;
+    return waits ? self->tcp_heard_us + ESP32_TCP_GAP_US : NEVER_US;
+}
+
 static void run_timers(esp32_t *self, uint64_t now_us) {
     (void)release(self, &self->from_uart, ESP32_PORT_UART2, now_us);
-    (void)release(self, &self->from_tcp, ESP32_PORT_TCP, now_us);
+    if (self->from_tcp.packet.size > 0) {
+        (void)receive_tcp(self, (bytes_t){0}, now_us);
+    }
+    while (now_us >= tcp_gap_us(self)) { // ends: each turn skips a byte
+        const uint64_t heard_us = self->tcp_heard_us;
+        cpx_tcp_rx_give_up(&self->tcp_rx);
+        (void)receive_tcp(self, (bytes_t){0}, now_us);
+        self->tcp_heard_us = heard_us;
+    }
     if (now_us >= self->client_next_us) {
-        self->client_next_us = now_us + ESP32_CLIENT_REPEAT_US;
-        esp32_tell_client(self, false);
+        const bool news = self->ssid_size == 0 && !self->config.host_on_uart;
+        self->client_next_us = now_us + (news ? ESP32_NEWS_REPEAT_US : ESP32_CLIENT_REPEAT_US);
+        esp32_repeat_client(self);
     }
     if (self->native && now_us >= self->status_next_us) {
         self->status_next_us = now_us + ESP32_STATUS_US;
@@ -251,7 +267,7 @@ static uint64_t held_until_us(const esp32_held_t *held) {
 
 uint64_t esp32_deadline(const esp32_t *self) {
     uint64_t deadline_us = earlier(held_until_us(&self->from_uart), held_until_us(&self->from_tcp));
-    deadline_us = earlier(deadline_us, self->client_next_us);
+    deadline_us = earlier(deadline_us, earlier(self->client_next_us, tcp_gap_us(self)));
     if (self->native) {
         deadline_us = earlier(deadline_us, self->status_next_us);
     }

@@ -32,14 +32,18 @@ enum { NETWORK_START = 16, NETWORK_RESET_GAP8 = 17 };
 
 enum {
     ESP32_IMAGE_BYTES = 114688, ///< a whole 324 x 324 raw frame with its packet headers, and some
-    ESP32_TO_UART = 8,          ///< packets, each of up to CPX_MTU, split on the way out
+    ESP32_UART_IMAGE_BYTES =
+        16384,         ///< of images, wait for a host on UART2, which takes up to a second for them
+    ESP32_TO_UART = 8, ///< packets, each of up to CPX_MTU, split on the way out
     ESP32_TO_SPI = 8,
     ESP32_TO_TCP = 16,                ///< packets other than images
-    ESP32_CLIENT_REPEAT_US = 1000000, ///< the GAP8 is told again this often whether a client is there
+    ESP32_CLIENT_REPEAT_US = 1000000, ///< both neighbours are told again this often whether a client is there
+    ESP32_NEWS_REPEAT_US = 100000,    ///< likewise, as long as the STM32 has not sent the Wi-Fi settings
     ESP32_STATUS_US = 1000000,
     ESP32_PAIRS_BYTES = 4096,    ///< room left for pairs when a native frame is taken
     ESP32_HOLD_UART_US = 50000,  ///< a packet waits this long for room, and the STM32 for its credit
     ESP32_HOLD_TCP_US = 1000000, ///< likewise, and the host's bytes behind it
+    ESP32_TCP_GAP_US = 500000,   ///< silence inside a packet from the host after which it is given up
 };
 
 typedef struct {
@@ -77,6 +81,7 @@ typedef struct {
     esp32_config_t config;
     cpx_uart_t uart2;
     cpx_tcp_rx_t tcp_rx;
+    uint64_t tcp_heard_us; ///< when bytes were last taken from the host
     bool network_up;
     bool network_started; ///< the driver has been told the present settings
     bool client;

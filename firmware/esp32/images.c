@@ -21,6 +21,13 @@ static void put(esp32_t *self, const cpx_packet_t *packet) {
     self->packets_forwarded++;
 }
 
+/// Room for another frame. What a slow line cannot carry is dropped, not delivered seconds later.
+static size_t frame_room(const esp32_t *self) {
+    const bool slow = self->config.host_on_uart != 0 && self->image_fill > 0;
+    const size_t most = slow ? ESP32_UART_IMAGE_BYTES : ESP32_IMAGE_BYTES;
+    return self->image_fill < most ? most - self->image_fill : 0;
+}
+
 /// The first packet of a frame: its whole body fits the ring, or none of it is taken.
 static void start(esp32_t *self, const cpx_packet_t *packet, uint32_t body_bytes, size_t body_ring_bytes,
                   size_t spare_bytes) {
@@ -29,7 +36,7 @@ static void start(esp32_t *self, const cpx_packet_t *packet, uint32_t body_bytes
     }
     self->frame_left = body_bytes;
     self->frame_ring_left = (uint32_t)body_ring_bytes;
-    if (esp32_ring_free(self) < ring_bytes(packet) + body_ring_bytes + spare_bytes) {
+    if (frame_room(self) < ring_bytes(packet) + body_ring_bytes + spare_bytes) {
         self->images = IMAGES_DROPPING;
         self->frames_dropped++;
         return;

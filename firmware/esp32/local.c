@@ -36,11 +36,24 @@ static void tell(esp32_t *self, uint8_t target, uint8_t function, bytes_t data) 
     self->packets_dropped += send(self, target, function, data) ? 0 : 1;
 }
 
-void esp32_tell_client(esp32_t *self, bool stm32_too) {
+static void tell_client(esp32_t *self, uint8_t target) {
     const uint8_t data[] = {WIFI_CLIENT_CONNECTED, self->client};
-    tell(self, CPX_GAP8, CPX_WIFI_CTRL, (bytes_t){data, sizeof data});
-    if (stm32_too && !self->config.host_on_uart) {
-        tell(self, CPX_STM32, CPX_WIFI_CTRL, (bytes_t){data, sizeof data});
+    tell(self, target, CPX_WIFI_CTRL, (bytes_t){data, sizeof data});
+}
+
+void esp32_tell_client(esp32_t *self) {
+    tell_client(self, CPX_GAP8);
+    if (!self->config.host_on_uart) {
+        tell_client(self, CPX_STM32);
+    }
+}
+
+void esp32_repeat_client(esp32_t *self) {
+    if (self->to_spi.fill == 0) {
+        tell_client(self, CPX_GAP8);
+    }
+    if (self->to_uart.fill == 0 && !self->config.host_on_uart) {
+        tell_client(self, CPX_STM32);
     }
 }
 

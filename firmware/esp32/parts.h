@@ -37,7 +37,9 @@ esp32_queue_t *esp32_queue_to(esp32_t *self, uint8_t target);
 /// A packet for the ESP32. False when the answer finds no room: then nothing has been done.
 bool esp32_local(esp32_t *self, const cpx_packet_t *packet, uint64_t now_us);
 /// To the GAP8, then to the STM32: whether a host is connected.
-void esp32_tell_client(esp32_t *self, bool stm32_too);
+void esp32_tell_client(esp32_t *self);
+/// Likewise, but only to whom nothing else waits to be told.
+void esp32_repeat_client(esp32_t *self);
 /// To the GAP8 and the STM32: our address as a station.
 void esp32_tell_address(esp32_t *self, const uint8_t address[4]);
 void esp32_tell_boot(esp32_t *self);

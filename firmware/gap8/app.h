@@ -3,7 +3,7 @@
 /// The four verbs are called as in stm32/app.h. The camera is a port: gap8_transmit on it gives a command to
 /// capture into one of GAP8_SLOTS buffers, gap8_receive on it brings the finished body. Bodies are never
 /// copied: the bytes given to gap8_receive stay valid until the next command for the same slot. A command
-/// while a capture is under way (it took longer than GAP8_CAMERA_TIMEOUT_US) replaces it.
+/// while a capture is under way (it took too long: GAP8_CAMERA_TIMEOUT_US) replaces it.
 ///
 /// The images of a burst are taken back to back, so a burst starts when there are slots for all of it; one
 /// that is due and cannot start is counted in captures_late: with a frame period it is left out, without one
@@ -24,10 +24,11 @@ typedef enum {
 
 enum {
     GAP8_SLOTS = 3,
-    GAP8_PAIRS_MAX = 512,             ///< kept between two frames; more are counted as lost
-    GAP8_QUEUE_PACKETS = 4,           ///< small replies waiting for SPI
-    GAP8_QUEUE_DATA = 64,             ///< longest small reply
-    GAP8_CAMERA_TIMEOUT_US = 1000000, ///< a capture that takes longer has failed
+    GAP8_PAIRS_MAX = 512,   ///< kept between two frames; more are counted as lost
+    GAP8_QUEUE_PACKETS = 4, ///< small replies waiting for SPI
+    GAP8_QUEUE_DATA = 64,   ///< longest small reply
+    GAP8_CAMERA_TIMEOUT_US =
+        500000, ///< a capture that takes this longer than twice its exposure and readout has failed
     GAP8_CAMERA_COMMAND_BYTES =
         8, ///< slot, encoding, auto exposure, analog gain, digital gain, 0, u16 exposure lines
 };

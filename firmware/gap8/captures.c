@@ -62,6 +62,12 @@ static bool begin_burst(gap8_t *self, uint64_t now_us) {
     return fits;
 }
 
+/// A long exposure is no failure.
+static uint64_t timeout_us(const gap8_t *self) {
+    const uint64_t lines = (uint64_t)self->config.height + self->camera.exposure_lines;
+    return GAP8_CAMERA_TIMEOUT_US + 2 * lines * self->config.line_time_ns / 1000;
+}
+
 size_t gap8_captures_command(gap8_t *self, bytes_mut_t out, uint64_t now_us) {
     if (out.size < GAP8_CAMERA_COMMAND_BYTES || !gap8_runs(self) || self->capturing >= 0) {
         return 0;
@@ -73,7 +79,7 @@ size_t gap8_captures_command(gap8_t *self, bytes_mut_t out, uint64_t now_us) {
     self->burst_left--;
     self->slots[slot].state = SLOT_CAPTURING;
     self->capturing = slot;
-    self->capture_timeout_us = now_us + GAP8_CAMERA_TIMEOUT_US;
+    self->capture_timeout_us = now_us + timeout_us(self);
     out.data[0] = (uint8_t)slot;
     out.data[1] = self->camera.encoding;
     out.data[2] = self->camera.auto_exposure;

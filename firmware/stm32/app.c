@@ -104,8 +104,11 @@ static void set_client(stm32_t *self, bool on, uint64_t now_us) {
     self->client = on;
     if (on) {
         self->wifi_next_us = NEVER_US;
-    } else {
-        set_bridge(self, false, now_us);
+        return;
+    }
+    set_bridge(self, false, now_us);
+    if (self->config.wifi_mode != 0) {
+        self->wifi_next_us = now_us; // the ESP32 may have started anew and know no settings
     }
 }
 

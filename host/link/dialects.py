@@ -22,7 +22,7 @@ JUMP = 1 << 16
 
 
 class Asking:
-    """When to ask for native frames. `auto` waits until the robot has announced that it speaks native."""
+    """When to ask one MCU for native. `auto` waits until the robot has announced that it speaks native."""
 
     def __init__(self, dialect: Dialect) -> None:
         self.dialect = dialect
@@ -38,7 +38,7 @@ class Asking:
             self._next_ns = None
 
     def arrived(self) -> None:
-        """Native frames come: nothing more to ask."""
+        """What was asked for comes: nothing more to ask."""
         self.wanted = False
 
     def due(self, now_ns: int | None) -> bool:
@@ -62,23 +62,29 @@ class FrameNumbers:
         self.renumbered = 0
         self._last: tuple[int, int, int] | None = None
         self._lost_since = 0
+        self._stock_since = False
         self._esp32_total: int | None = None
         self._esp32_credit = 0
 
     def failed(self) -> None:
-        """A frame began and was lost: counted where it was noticed. Its header may be damaged, so only the number
-        of such frames is used."""
+        """A native frame began and was lost: counted where it was noticed."""
         self._lost_since += 1
+
+    def stock_came(self) -> None:
+        """A frame without a number, whole or not: the GAP8 has restarted, or had taken this host for gone. How many
+        frames there were until the next number is not known."""
+        self._stock_since = True
 
     def came(self, frame: int, gap8_unsent: int, headless: int) -> None:
         """A good frame with this number; `gap8_unsent` and `headless` are totals so far: frames that the GAP8 gave
         up, and frames of which data came without a header."""
         previous, self._last = self._last, (frame, gap8_unsent, headless)
         failed, self._lost_since = self._lost_since, 0
+        anew, self._stock_since = self._stock_since, False
         if previous is None:
             return
         skipped = (frame - previous[0] - 1) % WRAP
-        if skipped >= JUMP:
+        if anew or skipped >= JUMP:
             self.renumbered += 1
             return
         left = max(0, skipped - failed)

@@ -214,7 +214,8 @@ class SessionCounters:
     bad_messages: int = 0
     """Native messages that cannot be decoded."""
     renumbered: int = 0
-    """Native frame numbers jumped, as when the GAP8 restarts: what was lost there is not known."""
+    """Native frame numbers began anew or jumped: the GAP8 has restarted, or had taken this host for gone. What was
+    lost there is not known."""
     stamps: int = 0
     pairs: int = 0
     pairs_lost: int = 0

@@ -26,6 +26,9 @@ LINE_OUT_MAX = 512
 PAIRS_KEPT = 8192
 """Waiting for a frame to carry them, at most: 80 s of them."""
 
+ASKED = (lib.CPX_GAP8, lib.CPX_ESP32)
+"""The GAP8 for native frames, the ESP32 for its counters."""
+
 BODY_NEEDED, FRAME, LOST, NATIVE = lib.STREAM_BODY_NEEDED, lib.STREAM_FRAME, lib.STREAM_LOST, lib.STREAM_NATIVE
 
 
@@ -48,7 +51,7 @@ class Session:
         self._first_index = self._frames = first_index
         self._lost: Counter[str] = Counter()
         self._numbers = FrameNumbers()
-        self._asking = Asking("stock" if framing == "stamps" else dialect)
+        self._asking = [Asking("stock" if framing == "stamps" else dialect) for _ in ASKED]
         self._to_send: deque[CpxPacket] = deque()
         self._heard_ns: int | None = None
         self._line_us = 0
@@ -71,8 +74,7 @@ class Session:
         while lib.stream_push(stream, source, size, self._line_us):
             self._collect(events, arrival_host_ns)
         self._collect(events, arrival_host_ns)
-        if self._asking.wanted:
-            self._ask(arrival_host_ns)
+        self._ask(arrival_host_ns)
         return events
 
     def tick(self, now_ns: int) -> None:
@@ -97,8 +99,7 @@ class Session:
     def data_to_send(self) -> bytes:
         """What is to be written now, maybe nothing. On CPX over UART that includes credits, in every dialect: they
         are part of the framing, and a robot without them falls silent."""
-        if self._asking.wanted:
-            self._ask(None)
+        self._ask(None)
         if self.framing == "cpx-uart":
             out, self._line_out = self._line_out + self._uart_to_send(), b""
             return out
@@ -174,7 +175,8 @@ class Session:
         elif kind == lib.STREAM_STAMP:
             events.append(assemble.stamp(event, arrival_host_ns))
         elif kind == lib.STREAM_ANNOUNCED:
-            self._asking.announced()
+            for asking in self._asking:
+                asking.announced()
             events.append(Announced(arrival_host_ns))
         else:
             data = bytes(ffi.buffer(self._stream.data + event.data_at, event.size))
@@ -200,10 +202,12 @@ class Session:
             self._body,
         )
         self._frames += 1
-        if native:
+        if not native:
+            self._numbers.stock_came()
+        else:
             frame.native = assemble.native_header(closed.header)
             frame.pairs = self._take_pairs()
-            self._asking.arrived()
+            self._asking[0].arrived()
             self._numbers.came(closed.header.frame, closed.header.frames_unsent, closed.headless)
         return frame
 
@@ -212,6 +216,8 @@ class Session:
         self._lost[cause] += 1
         if closed.native:
             self._numbers.failed()
+        else:
+            self._numbers.stock_came()
         return LostFrame(
             arrival_host_ns,
             cause,
@@ -224,6 +230,7 @@ class Session:
     def _native_message(self, data: bytes, events: list[Event], arrival_host_ns: int) -> None:
         if data[1] == lib.NATIVE_STATUS:
             status = assemble.status(data, arrival_host_ns)
+            self._asking[1].arrived()
             self._numbers.esp32_says(status.counters["frames_dropped"])
             events.append(status)
         elif data[1] == lib.NATIVE_REPLY:
@@ -244,10 +251,11 @@ class Session:
         return np.concatenate(taken) if taken else np.empty(0, PAIR_DTYPE)
 
     def _ask(self, now_ns: int | None) -> None:
-        if not self._to_send and self._asking.due(now_ns):
-            request = encode_stream_request(StreamRequest(native=True))
-            self._send(lib.CPX_GAP8, request)
-            self._send(lib.CPX_ESP32, request)
+        if self._to_send:
+            return
+        for target, asking in zip(ASKED, self._asking, strict=True):
+            if asking.wanted and asking.due(now_ns):
+                self._send(target, encode_stream_request(StreamRequest(native=True)))
 
     def _send(self, destination: int, data: bytes) -> None:
         if self.framing == "stamps":

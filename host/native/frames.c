@@ -83,6 +83,10 @@ static void stock_body(stream_t *self, bytes_t data) {
 }
 
 static void native_header(stream_t *self, const native_frame_t *header) {
+    if (self->in_frame && self->open.native && self->open.header.frame == header->frame) {
+        self->stray_packets++; // it came twice
+        return;
+    }
     const stream_frame_t frame = {
         .native = true,
         .width = header->width,

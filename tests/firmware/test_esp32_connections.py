@@ -23,6 +23,7 @@ from board import (
 from esp32_rig import (
     CLIENT,
     CLIENT_GONE,
+    NATIVE_REQUEST,
     NETWORK_DOWN,
     PORT_OF,
     ask,
@@ -32,6 +33,7 @@ from esp32_rig import (
     give,
     give_all,
     out,
+    sealed,
     stock_frame,
     told,
 )
@@ -39,6 +41,7 @@ from esp32_rig import (
 
 def test_client_messages_go_to_the_gap8_and_the_stm32() -> None:
     app = esp32(client=False)
+    from_spi(app)
     app.receive("NETWORK", CLIENT, 0)
     assert from_spi(app) == told(1, GAP8)
     assert [uart(packet) for packet in app.uart_packets(0)] == [bytes.fromhex("ff 04 51 04 32 01 9d")]
@@ -48,19 +51,39 @@ def test_client_messages_go_to_the_gap8_and_the_stm32() -> None:
     assert from_spi(app) + app.uart_packets(0) == []
 
 
-def test_the_gap8_is_told_again_every_second() -> None:
+def test_both_neighbours_are_told_again_every_second() -> None:
     app = esp32(client=False)
-    for second in (1, 2):
-        assert app.uart_packets(second * 1_000_000 - 1) == []
+    give(app, "UART2", cpx(STM32, ESP32, WIFI_CTRL, b"\x10name"))
+    app.uart_packets(100_000)
+    from_spi(app)
+    for second in (1.1, 2.1):
+        assert app.uart_packets(int(second * 1e6) - 1) == []
         assert from_spi(app) == []
-        assert app.uart_packets(second * 1_000_000) == []
+        assert app.uart_packets(int(second * 1e6)) == told(0, STM32)
         assert from_spi(app) == told(0, GAP8)
     app.receive("NETWORK", CLIENT, 2_500_000)
     from_spi(app)
-    app.uart_packets(3_499_999)
+    assert app.uart_packets(3_499_999) == told(1, STM32)
     assert from_spi(app) == []
-    app.uart_packets(3_500_000)
+    assert app.uart_packets(3_500_000) == told(1, STM32)
     assert from_spi(app) == told(1, GAP8)
+
+
+def test_without_wifi_settings_the_neighbours_are_told_ten_times_a_second() -> None:
+    """The STM32 may believe that all is well: it was the ESP32 that has restarted."""
+    app = esp32(client=False)
+    for tenth in range(1, 6):
+        assert app.uart_packets(tenth * 100_000) == told(0, STM32)
+        assert app.uart_packets(tenth * 100_000 + 99_999) == []
+
+
+def test_who_does_not_listen_is_not_told_more_and_more() -> None:
+    app = App("esp32")
+    for now_us in range(0, 5_000_000, 100_000):
+        app.uart_bytes("UART2", now_us)  # no credit comes
+    assert app.to_spi.fill == 1  # "start the application", from before
+    assert app.to_uart.fill <= 1
+    assert app.packets_dropped == 0
 
 
 def test_nothing_of_an_old_connection_reaches_the_next() -> None:
@@ -246,7 +269,8 @@ def test_status_messages_come_each_second_while_asked_for() -> None:
             messages[up_us] = packet
     assert list(messages) == [0, 1_000_000, 2_000_000]
     assert messages[2_000_000][:2] == cpx(ESP32, HOST, APP, b"")
-    fields = struct.unpack("<BBHQ12I", messages[2_000_000][2:])
+    fields = struct.unpack("<BBHQ12I", messages[2_000_000][2:-4])
+    assert messages[2_000_000][2:] == sealed(messages[2_000_000][2:-4])
     assert fields[:4] == (0x4E, 4, 0, 2_000_000)
     assert fields[4:] == (0, 0, 0, 0, 0, 1, 0, 0, 5, 0, 0, 0)
     give(app, "TCP", cpx(HOST, ESP32, APP, b"\x4e\x10\x00\x00\x00\x00"))
@@ -261,3 +285,26 @@ def test_status_messages_end_with_the_client() -> None:
     app.receive("NETWORK", CLIENT, 0)
     app.uart_packets(5_000_000)
     assert from_tcp(app) == []
+
+
+def test_a_packet_that_stops_half_way_is_given_up_and_what_is_behind_it_is_found() -> None:
+    """Garbage that looks like the header of a long packet."""
+    app = esp32()
+    request = link(cpx(HOST, ESP32, APP, NATIVE_REQUEST + b"\0\0"))
+    assert app.receive("TCP", b"\xfe\x03\x19\x01" + request, 0) == 4 + len(request)
+    assert not app.native
+    assert app.deadline() == 100_000  # to tell its neighbours
+    app.uart_bytes("UART2", 499_999)
+    assert not app.native
+    app.uart_bytes("UART2", 500_000)
+    assert app.native
+    assert app.tcp_rx.skipped_bytes == 4
+
+
+def test_nothing_stays_of_a_packet_that_is_given_up() -> None:
+    app = esp32()
+    app.receive("TCP", b"\xfe\x03\x19\x01" * 3, 0)
+    app.uart_bytes("UART2", 500_000)
+    assert app.tcp_rx.skipped_bytes == 12
+    app.receive("TCP", link(cpx(HOST, ESP32, APP, NATIVE_REQUEST + b"\0\0")), 600_000)
+    assert app.native

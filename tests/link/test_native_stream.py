@@ -242,8 +242,11 @@ def test_native_frames_end_the_asking_and_a_restart_begins_it_again() -> None:
     assert session.data_to_send() != b""
     session.receive(frame(1), 1)
     session.tick(5 * REPEAT_NS)
+    assert session.data_to_send() == ASK_ESP32, "its counters have not come yet"
+    session.receive(status(0), 6 * REPEAT_NS)
+    session.tick(9 * REPEAT_NS)
     assert session.data_to_send() == b""
-    session.receive(STOCK_ANNOUNCING, 6 * REPEAT_NS)
+    session.receive(STOCK_ANNOUNCING, 9 * REPEAT_NS)
     assert session.data_to_send() == ASK_GAP8 + ASK_ESP32
 
 
@@ -279,3 +282,30 @@ def test_a_tap_cannot_send() -> None:
 def test_unknown_words_are_refused(framing: Any, dialect: Any) -> None:
     with pytest.raises(LocalError, match="choose"):
         Session(framing, dialect)
+
+
+def test_a_header_that_comes_twice_is_one_frame() -> None:
+    packets = native(2, BODY, 60, 50)
+    events, session = received(frame(1) + packets[0] + b"".join(packets) + frame(3))
+    assert [event.native.frame for event in events if isinstance(event, Frame) and event.native] == [1, 2, 3]
+    assert sum(session.counters.frames_lost.values()) == 0
+    assert session.counters.stray_packets == 1
+
+
+@pytest.mark.parametrize("byte", [4, 24, 39, 60, 99, 103])
+def test_a_damaged_header_is_no_frame(byte: int) -> None:
+    """Its number, its times: nothing of them is believed."""
+    packets = native(2, BODY, 60, 50)
+    damaged = bytearray(packets[0])
+    damaged[4 + byte] ^= 0x10
+    events, session = received(frame(1) + bytes(damaged) + b"".join(packets[1:]) + frame(3))
+    assert [event.native.frame for event in events if isinstance(event, Frame) and event.native] == [1, 3]
+    assert session.counters.frames_lost["missing_data"] == 1
+    assert session.counters.bad_messages == 1
+
+
+def test_after_stock_frames_the_numbers_begin_anew() -> None:
+    """The GAP8 has restarted: which numbers were skipped is not known, whether the new ones are lower or not."""
+    _, session = received(frame(1) + STOCK_ANNOUNCING + frame(9) + frame(10))
+    assert sum(session.counters.frames_lost.values()) == 0
+    assert session.counters.renumbered == 1
