@@ -86,8 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
         open_things.callback(signal.signal, signal.SIGTERM, before)
         try:
             with registry.entered(made.name, robots), announcement(arguments, made.name, doors):
-                output.serving(made, robots)
                 output.heard_by_all(doors)
+                output.serving(made, robots)
                 server.run()
         except KeyboardInterrupt:
             output.summary(server)
@@ -173,11 +173,11 @@ class Output:
     """For people: the ports on stdout, all else on stderr."""
 
     def serving(self, made: Scenario, robots: list[dict[str, str]]) -> None:
-        for robot in robots:
-            print(robot["port"], flush=True)
         kinds = ", ".join(sorted({robot["firmware"] for robot in robots}))
         said = f"{len(robots)} robot{'s' * (len(robots) > 1)} of {made.name} ({kinds} firmware)"
         self._say(f"serving {said}; time begins with the first client; Ctrl-C ends")
+        for robot in robots:
+            print(robot["port"], flush=True)
 
     def heard_by_all(self, doors: list[Door]) -> None:
         """Who asked for it may not know what it means."""

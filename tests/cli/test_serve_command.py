@@ -77,6 +77,12 @@ def test_json(runtime, ending):
     assert last["clients"] == 0
 
 
+def test_the_whole_network_only_when_asked_and_said(runtime):
+    with serving("--listen", "0.0.0.0:0") as program:
+        assert program.first.startswith("socket://127.0.0.1:"), "what a client on this computer opens"
+    assert "every computer in your networks can connect" in program.said
+
+
 def test_consecutive_ports(runtime):
     with serving("--listen", "127.0.0.1:0") as taken:
         port = int(taken.first.rpartition(":")[2])

@@ -73,7 +73,7 @@ def test_a_second_client_is_told_at_once_and_the_first_does_not_notice():
     assert whats(server)[:2] == ["came", "refused"]
 
 
-def test_four_robots_and_a_client_that_stops_reading():
+def test_four_robots_and_a_client_that_stops_reading(monkeypatch):
     """The others' frames keep coming, all of them; the one that nobody reads drops whole frames and comes back."""
     with served("swarm", pace="real", camera_fps=10, tcp_bytes_per_s=2_000_000) as server:
         clients = [Listener(connected(server, robot), "stock") for robot in range(4)]
@@ -94,6 +94,10 @@ def test_four_robots_and_a_client_that_stops_reading():
     for each in counters:
         assert each["frames_dropped"] <= 0.2 * each["frames_forwarded"]
     assert all(sum(each.values()) == 0 for each in lost)
+    again, read = replayed(server, monkeypatch)
+    assert again.trace_hash() == server.world.trace_hash(), "slow readers are repeated too"
+    for robot, client in enumerate(clients):
+        assert read[robot][: len(client.came)] == client.came
 
 
 def test_a_client_that_hangs_makes_room_for_another(monkeypatch):
@@ -145,6 +149,17 @@ def test_garbage_from_a_client_is_the_robots_to_count():
         client.listen(3)
         assert len(client.frames) == 3
     assert server.world.robots[0].esp32["tcp_rx_skipped_bytes"] > 0
+
+
+def test_a_computer_that_was_asleep_does_not_catch_up():
+    with served("hover", pace="real") as server, connected(server) as connection:
+        client = Listener(connection, "stock")
+        client.listen(1)
+        before_ns = server.world.now_ns
+        server._started_ns -= 3600 * 10**9
+        client.listen(3)
+        assert server.times_late >= 1
+        assert server.world.now_ns - before_ns < 60 * 10**9
 
 
 @pytest.mark.parametrize(

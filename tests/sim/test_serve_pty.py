@@ -9,6 +9,7 @@ from serving import replayed, served, whats
 
 import host
 from host.link.records import Frame, Stamp
+from host.native import lib
 from sim.serial.doors import PtyDoor, hung_up
 
 
@@ -26,7 +27,8 @@ def test_frames_over_uart2_and_the_same_bytes_in_process(monkeypatch):
             frames = [frame for frame, _ in zip(stream, range(5), strict=False)]
             counters = stream.counters
         assert frames[-1].native, "it was asked for, so the host's bytes came through"
-        assert counters.garbage_bytes == 0, "not even at the start"
+        # Nothing at the start. A busy computer may pause in the middle of a packet, which is then given up.
+        assert counters.garbage_bytes <= counters.gaps * lib.CPX_UART_FRAME_MAX
         until(lambda: "went" in whats(server))
         given = server.stations[0].bytes_to_clients
     again, read = replayed(server, monkeypatch)
