@@ -155,6 +155,8 @@ class Campaign:
             assert steady >= 0.8 * expected - 2, f"{steady} frames in the third second, {expected} were due"
             more = sum(self.host.session.counters.frames_lost.values()) - lost
             assert more <= 0, f"{more} frames lost after the stream was back"
+            under_way = lib.kernel_gap8(self.world.kernel, 0).frame - self.host.frames[-1].native.frame - 1
+            assert under_way <= lib.GAP8_SLOTS + 1, f"{under_way} frames are neither lost, nor here, nor on their way"
             self._check_truth()
 
     def _arrived(self, from_ns, to_ns):
