@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from host.link.ports import Stream
-    from host.link.recording import Track
+    from host.link.track import Track
 
 QUEUE_EVENTS = 64
 REFRESH_S = 0.2

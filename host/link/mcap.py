@@ -8,6 +8,7 @@ until the end. It is the tests' independent reader.
 from __future__ import annotations
 
 import importlib
+import io
 import struct
 import zlib
 from collections import defaultdict
@@ -96,11 +97,16 @@ def encode_channel(channel: Channel) -> bytes:
 
 
 class Chunk:
-    """Messages on their way into the file. Their data is referred to, not copied."""
+    """Messages on their way into the file. Its memory is used again for the next chunk: new pages cost more than the
+    copying."""
 
     def __init__(self) -> None:
+        self._messages = io.BytesIO()
+        self.clear()
+
+    def clear(self) -> None:
         self.size = 0
-        self._parts: list[Bytes] = []
+        self._messages.seek(0)
         self._index: defaultdict[int, list[int]] = defaultdict(list)
         self._first_ns = (1 << 64) - 1
         self._last_ns = 0
@@ -108,20 +114,20 @@ class Chunk:
     def add(self, channel_id: int, sequence: int, log_ns: int, publish_ns: int, parts: tuple[Bytes, ...]) -> None:
         """A message of these parts, in one."""
         size = sum(map(len, parts)) + MESSAGE_FIXED
-        self._parts.append(MESSAGE_HEAD.pack(MESSAGE, size, channel_id, sequence, log_ns, publish_ns))
-        self._parts += parts
+        self._messages.write(MESSAGE_HEAD.pack(MESSAGE, size, channel_id, sequence, log_ns, publish_ns))
+        self._messages.writelines(parts)
         self._index[channel_id] += log_ns, self.size
         self.size += RECORD.size + size
         self._first_ns = min(self._first_ns, log_ns)
         self._last_ns = max(self._last_ns, log_ns)
 
-    def encode(self) -> bytes:
-        """The chunk and its message indexes, as they follow each other in the file."""
-        messages = b"".join(self._parts)
-        head = CHUNK_HEAD.pack(self._first_ns, self._last_ns, len(messages), zlib.crc32(messages))
-        head += text("") + struct.pack("<Q", len(messages))
+    def encode(self) -> tuple[Bytes, ...]:
+        """The chunk and its message indexes, as they follow each other in the file: to be written before clear()."""
+        messages = self._messages.getbuffer()[: self.size]
+        head = CHUNK_HEAD.pack(self._first_ns, self._last_ns, self.size, zlib.crc32(messages))
+        head += text("") + struct.pack("<Q", self.size)
         indexes = (encode_message_index(channel_id, entries) for channel_id, entries in self._index.items())
-        return b"".join((RECORD.pack(CHUNK, len(head) + len(messages)), head, messages, *indexes))
+        return RECORD.pack(CHUNK, len(head) + self.size) + head, messages, b"".join(indexes)
 
 
 def encode_message_index(channel_id: int, entries: list[int]) -> bytes:

@@ -46,7 +46,7 @@ class Port(Protocol):
     baud: int | None
     """Of a serial line; None: there is none in between that could be wrong."""
     ended: str
-    """Why the last read said that it was the end."""
+    """Why the last read said that it was the end; empty when a recording is over."""
 
     def read(self, wanted: int) -> bytes | memoryview | None:
         """What has come: valid until the next read. None: nothing for POLL_S. Empty: nothing ever will again.
@@ -73,6 +73,9 @@ class Tap(Protocol):
 
     def event(self, event: Event) -> None:
         """What the session made of it."""
+
+    def connected_again(self, now_ns: int) -> None:
+        """What is received from here on is of a new connection."""
 
 
 class SocketPort:
@@ -146,7 +149,7 @@ class SerialPort:
             if waiting:
                 data += self._port.read(waiting)
         except (SerialException, OSError) as error:
-            self.ended = str(error)
+            self.ended = "" if getattr(self._port, "over", False) else str(error)
             return b""
         return data or None
 
@@ -397,6 +400,8 @@ class Stream:
             self.port, self._session = port, session
             self.reconnects += 1
             self._ended = False
+            if self.tap is not None:
+                self.tap.connected_again(port.clock_ns())
         self._alive_ns = None
         yield self.watch.connected(port.clock_ns())
 

@@ -13,16 +13,15 @@ from __future__ import annotations
 import os
 import threading
 import time
-from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from ..protocol.errors import LocalError
 from . import foxglove
 from .dialects import Dialect
 from .mcap import MAGIC, Channel, Chunk, Schema, encode_channel, encode_header, encode_schema
 from .mcap_summary import finish
-from .records import Event, Frame, LostFrame, Stamp
+from .track import TOPICS, Part, Track, version
 
 FLUSH_S = 0.2
 CHUNK_BYTES = 4 << 20
@@ -31,39 +30,6 @@ QUEUE_BYTES = 64 << 20
 """In memory at most, on their way to the disk."""
 ITEM_BYTES = 200
 """What a small message costs in memory besides its bytes."""
-
-Part = Literal["images", "raw"]
-PARTS: tuple[Part, ...] = ("images", "raw")
-"""What can be left out: the images, which are in the raw bytes too, or the raw bytes, without which nothing can be
-replayed."""
-
-
-@dataclass(slots=True)
-class Missing:
-    """What the disk was too slow for: between two times, so much."""
-
-    first_host_ns: int = 0
-    last_host_ns: int = 0
-    received_bytes: int = 0
-    sent_bytes: int = 0
-    frames: int = 0
-    others: int = 0
-    """Stamps and lost frames."""
-
-
-TOPICS: dict[str, tuple[str, Any]] = {
-    "received": ("spindeck.Bytes", None),
-    "sent": ("spindeck.Bytes", None),
-    "image": ("foxglove.RawImage", None),
-    "compressed_image": ("foxglove.CompressedImage", None),
-    "frame": ("spindeck.Frame", Frame),
-    "lost_frame": ("spindeck.LostFrame", LostFrame),
-    "stamp": ("spindeck.Stamp", Stamp),
-    "missing": ("spindeck.Missing", Missing),
-}
-"""Of each robot: the schema, and the record that it is JSON of; else it is protobuf."""
-EVENTS: dict[type[Any], str] = {Frame: "frame", LostFrame: "lost_frame", Stamp: "stamp"}
-"""What else a session reports can be had again from the raw bytes."""
 
 
 class Recorder:
@@ -88,6 +54,7 @@ class Recorder:
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[int, str], int] = {}
         self._sequences: list[int] = []
+        self._chunk = Chunk()
         self._whole_bytes = 0
         self._write(MAGIC + encode_header(f"spindeck {version()}"))
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -95,7 +62,8 @@ class Recorder:
 
     def track(self, number: int, port: Any, dialect: Dialect) -> Track:
         """Where one robot's bytes and events go."""
-        made = Track(self, number, port, dialect)
+        made = Track(self.put, number, port, epoch(port), dialect, self.without)
+        made.file = str(self.path)
         self.tracks.append(made)
         return made
 
@@ -168,7 +136,7 @@ class Recorder:
                 self._failure = failure
 
     def _write_chunks(self, taken: list[tuple[Track, str, Any, int, int]]) -> None:
-        chunk, held = Chunk(), 0
+        chunk, held = self._chunk, 0
         for track, topic, content, arrival_host_ns, size in taken:
             held += size
             for name, parts in track.messages(topic, content, arrival_host_ns):
@@ -177,12 +145,16 @@ class Recorder:
                 self._sequences[channel - 1] = sequence + 1
                 chunk.add(channel, sequence, arrival_host_ns + track.epoch_ns, arrival_host_ns, parts)
             if chunk.size >= CHUNK_BYTES:
-                self._write(chunk.encode())
-                chunk, held = Chunk(), self._release(held)
+                self._write_chunk()
+                held = self._release(held)
         if chunk.size:
-            self._write(chunk.encode())
+            self._write_chunk()
         self._release(held)
         getattr(os, "fdatasync", os.fsync)(self._file.fileno())
+
+    def _write_chunk(self) -> None:
+        self._write(*self._chunk.encode())
+        self._chunk.clear()
 
     def _release(self, held: int) -> int:
         with self._changed:
@@ -207,82 +179,12 @@ class Recorder:
         self._write(encode_channel(Channel(number, self._schemas[name], path, encoding, track.metadata)))
         return number
 
-    def _write(self, data: bytes) -> None:
-        view = memoryview(data)
-        while view:
-            view = view[self._file.write(view) :]
-        self._whole_bytes += len(data)
-
-
-class Track:
-    """One robot in a recording: a tap for its Stream. Frames are written a little later: do not change their bodies."""
-
-    def __init__(self, recorder: Recorder, number: int, port: Any, dialect: Dialect) -> None:
-        self.number = number
-        self.frames = 0
-        self.missing = Missing()
-        """In all."""
-        self.missing_now: Missing | None = None
-        """Since the last message that was taken."""
-        self.epoch_ns, clock = epoch(port)
-        self.metadata = {
-            "robot": str(number),
-            "port": port.url,
-            "framing": port.framing,
-            "dialect": dialect,
-            "clock": clock,
-            "epoch_ns": str(self.epoch_ns),
-            "version": version(),
-        }
-        if port.world is not None:
-            self.metadata |= {"scenario": port.world.scenario.name, "seed": str(port.world.scenario.seed)}
-        self._recorder = recorder
-
-    def received(self, data: bytes | memoryview, arrival_host_ns: int) -> None:
-        """What one read gave."""
-        if self._recorder.without != "raw":
-            self._recorder.put(self, "received", bytes(data), arrival_host_ns, len(data))
-
-    def sent(self, data: bytes, now_ns: int) -> None:
-        """What was handed to the port."""
-        if self._recorder.without != "raw":
-            self._recorder.put(self, "sent", data, now_ns, len(data))
-
-    def event(self, event: Event) -> None:
-        """What the session made of it."""
-        topic = EVENTS.get(type(event))
-        if topic is not None:
-            size = event.body.nbytes if isinstance(event, Frame) else 0
-            self._recorder.put(self, topic, event, event.arrival_host_ns, size)
-
-    def messages(self, topic: str, content: Any, arrival_host_ns: int) -> list[tuple[str, tuple[Any, ...]]]:
-        """(topic, parts of the message) of what was put; called by the file's thread."""
-        if topic in ("received", "sent"):
-            return [(topic, foxglove.raw(content))]
-        made: list[tuple[str, tuple[Any, ...]]] = [(topic, (foxglove.as_json(content),))]
-        if isinstance(content, Frame):
-            self.frames += 1
-            if self._recorder.without != "images":
-                name = "compressed_image" if content.encoding == "jpeg" else "image"
-                time_ns = arrival_host_ns + self.epoch_ns
-                made.append((name, foxglove.image(content, time_ns, f"robot{self.number}")))
-        return made
-
-    def left_out(self, topic: str, size: int, now_ns: int) -> None:
-        """Counts a message that the file has no room for now."""
-        if self.missing_now is None:
-            self.missing_now = Missing(first_host_ns=now_ns)
-        for missing in (self.missing, self.missing_now):
-            missing.last_host_ns = now_ns
-            missing.received_bytes += size if topic == "received" else 0
-            missing.sent_bytes += size if topic == "sent" else 0
-            missing.frames += topic == "frame"
-            missing.others += topic in ("stamp", "lost_frame")
-
-    def summary(self) -> dict[str, Any]:
-        """What was recorded; complete once the recorder is closed."""
-        missing = {each.name: getattr(self.missing, each.name) for each in fields(Missing) if "_ns" not in each.name}
-        return {"file": str(self._recorder.path), "frames": self.frames, "missing": missing}
+    def _write(self, *parts: bytes | memoryview) -> None:
+        for part in parts:
+            left = memoryview(part)
+            while left:
+                left = left[self._file.write(left) :]
+        self._whole_bytes += sum(map(len, parts))
 
 
 def epoch(port: Any) -> tuple[int, str]:
@@ -294,14 +196,3 @@ def epoch(port: Any) -> tuple[int, str]:
     if port.world is not None:
         return 0, "simulated"
     return time.time_ns() - port.clock_ns(), "monotonic"
-
-
-def version() -> str:
-    """Of this package."""
-    from importlib.metadata import PackageNotFoundError
-    from importlib.metadata import version as installed
-
-    try:
-        return installed("spindeck")
-    except PackageNotFoundError:
-        return "unknown"

@@ -20,6 +20,8 @@ class Source:
 
     number: int
     channel_id: int
+    joint_ids: frozenset[int]
+    """Channels that tell where bytes do not continue those before: a new connection, or some are missing."""
     framing: Framing
     epoch_ns: int
     """What was added to its port's clock to get the time of a message."""
@@ -56,7 +58,8 @@ class Recording:
         return self.sources[number]
 
     def reads(self, source: Source, from_ns: int = 0) -> Iterator[tuple[int, memoryview]]:
-        """(arrival_host_ns, bytes) of each read from that time on, as they were recorded. LocalError where damaged."""
+        """(arrival_host_ns, bytes) of each read from that time on, as they were recorded; no bytes: what
+        follows does not continue what was before. LocalError where damaged."""
         for chunk in self._summary.chunks:
             if chunk.head.last_ns >= from_ns + source.epoch_ns:
                 yield from self._of_chunk(chunk, source, from_ns)
@@ -73,7 +76,7 @@ class Recording:
         raise AssertionError("reads() found something")
 
     def _of_chunk(self, chunk: ChunkIndex, source: Source, from_ns: int) -> Iterator[tuple[int, memoryview]]:
-        if chunk.message_indexes and source.channel_id not in chunk.message_indexes:
+        if chunk.message_indexes and not {source.channel_id, *source.joint_ids} & chunk.message_indexes.keys():
             return
         try:
             for opcode, at, length in walk(self._file, chunk.offset, chunk.offset + chunk.length):
@@ -81,24 +84,26 @@ class Recording:
                     raise DamagedError(at, "no chunk is where the index says")
                 head = read_chunk_head(self._file, at, length)
                 for each in split(read_messages(self._file, head, at), at):
-                    if (
-                        isinstance(each, Message)
-                        and each.channel_id == source.channel_id
-                        and each.publish_ns >= from_ns
-                    ):
+                    if not isinstance(each, Message) or each.publish_ns < from_ns:
+                        continue
+                    if each.channel_id == source.channel_id:
                         yield each.publish_ns, foxglove.read_raw(each.data)
+                    elif each.channel_id in source.joint_ids:
+                        yield each.publish_ns, memoryview(b"")
         except (DamagedError, ValueError) as error:
             raise LocalError(f"{self.path}: {error}; 'host recover' makes a file of what is whole") from error
 
     def _sources(self) -> Iterator[Source]:
+        topics = {channel.topic: channel.id for channel in self._summary.channels.values()}
         for channel in self._summary.channels.values():
             schema = self._summary.schemas.get(channel.schema_id)
             if schema is None or schema.name != "spindeck.Bytes" or not channel.topic.endswith("/received"):
                 continue
-            yield source_of(channel)
+            joints = (channel.topic.removesuffix("received") + name for name in ("connection", "missing"))
+            yield source_of(channel, frozenset(topics[joint] for joint in joints if joint in topics))
 
 
-def source_of(channel: Channel) -> Source:
+def source_of(channel: Channel, joint_ids: frozenset[int]) -> Source:
     """LocalError when its metadata does not say what the bytes are."""
     try:
         number, epoch_ns = int(channel.metadata["robot"]), int(channel.metadata["epoch_ns"])
@@ -107,4 +112,4 @@ def source_of(channel: Channel) -> Source:
             raise ValueError(f"framing {framing!r}")
     except (KeyError, ValueError) as error:
         raise LocalError(f"{channel.topic}: the metadata is not that of a recording ({error})") from error
-    return Source(number, channel.id, cast(Framing, framing), epoch_ns, channel.metadata)
+    return Source(number, channel.id, joint_ids, cast(Framing, framing), epoch_ns, channel.metadata)

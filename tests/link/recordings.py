@@ -38,6 +38,9 @@ class Tee:
         self.events.append(event)
         self.track.event(event)
 
+    def connected_again(self, now_ns: int) -> None:
+        self.track.connected_again(now_ns)
+
 
 def record(path: Path, *urls: str, frames: int = 5, without: recording.Part | None = None) -> list[Tee]:
     """Records so many frames (or 50 stamps) of each robot, one after the other."""

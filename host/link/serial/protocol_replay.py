@@ -26,12 +26,12 @@ SLEEP_S = 0.05
 PAUSE_NS = NS // 10
 """Between two rounds of a loop: long enough for a packet that stopped half-way to be given up."""
 PACKET_MAX = 4096
-ENDED = "the recording has ended"
 
 
 @dataclass
 class PacketEnds:
-    """Keeps the beginning of a TCP packet back until its end has come, so that no loop joins halves of two."""
+    """Keeps the beginning of a TCP packet back until its end has come, so that halves of two are never joined where
+    a loop begins anew, the robot was connected again, or the disk was too slow."""
 
     kept: bytearray = field(default_factory=bytearray)
     lost: bool = False
@@ -63,6 +63,8 @@ class Serial(SerialBase):  # type: ignore[misc]
         self.dialect: Dialect = "auto"
         self.robot = 0
         self.epoch_ns = 0
+        self.over = False
+        """The end was reached: read() has said so."""
         self._recording: Recording | None = None
         self._cancelled = False
         super().__init__(*args, **kwargs)
@@ -95,7 +97,7 @@ class Serial(SerialBase):  # type: ignore[misc]
         self._ready = memoryview(b"")
         self._reads = self._rounds()
         self._next = next(self._reads, None)
-        self._cancelled = False
+        self._cancelled = self.over = False
         self._looked = True
         self.is_open = True
 
@@ -172,8 +174,11 @@ class Serial(SerialBase):  # type: ignore[misc]
         recording, found = cast(Recording, self._recording), True
         while found:
             found = False
-            ends = PacketEnds() if self._choice.loop and self.framing == "tcp" else None
+            joints = self._choice.loop or self._source.joint_ids
+            ends = PacketEnds() if joints and self.framing == "tcp" else None
             for arrival_ns, data in recording.reads(self._source, self._begin_ns):
+                if ends and not data:
+                    ends = PacketEnds()
                 ready = ends.whole(data) if ends else data
                 if ready:
                     yield arrival_ns + self._later_ns, ready
@@ -182,7 +187,8 @@ class Serial(SerialBase):  # type: ignore[misc]
 
     def _wait_for_next(self) -> None:
         if self._next is None:
-            raise SerialException(ENDED)
+            self.over = True
+            raise SerialException("the recording has ended")
         due_ns = self._next[0]
         deadline_ns = due_ns if self._timeout is None else self._now_ns + round(self._timeout * NS)
         if self._wait(min(due_ns, deadline_ns)):
