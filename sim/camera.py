@@ -80,7 +80,7 @@ def _read(file: Path) -> NDArray[np.uint8]:
             return np.asarray(image.convert("L"))
     except UnidentifiedImageError:
         raise LocalError(f"camera {file}: not a PGM, PPM or PNG file") from None
-    except (OSError, SyntaxError, ValueError) as error:
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise LocalError(f"camera {file}: {error}") from error
 
 

@@ -89,7 +89,7 @@ def decode_jpeg(body: NDArray[np.uint8], width: int, height: int) -> NDArray[np.
             if image.size != (width, height):
                 raise PeerError(f"JPEG is {image.size[0]}x{image.size[1]}, its header said {width}x{height}")
             return np.asarray(image.convert("L"))
-    except (OSError, SyntaxError, ValueError) as error:
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise PeerError(f"JPEG cannot be decoded: {error}") from error
 
 

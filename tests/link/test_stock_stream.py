@@ -207,8 +207,13 @@ def test_a_jpeg_in_parts() -> None:
     assert np.abs(frame.pixels.astype(int) - picture).mean() < 4
 
 
-def test_a_jpeg_that_only_looks_whole_is_never_shown_as_good() -> None:
-    (frame,) = received(b"".join(stock(GOOD_JPEG, 8, 5, kind=1)))[0]
+# A JPEG of 65500 x 65500 pixels, if one believes it: Pillow refuses it in its own way.
+HUGE_JPEG = bytes.fromhex("ffd8 ffc0000b08ffdcffdc01011100") + GOOD_JPEG[2:]
+
+
+@pytest.mark.parametrize("body", [GOOD_JPEG, HUGE_JPEG])
+def test_a_jpeg_that_only_looks_whole_is_never_shown_as_good(body: bytes) -> None:
+    (frame,) = received(b"".join(stock(body, 8, 5, kind=1)))[0]
     assert isinstance(frame, Frame)
     with pytest.raises(PeerError, match="JPEG"):
         _ = frame.pixels

@@ -57,6 +57,7 @@ def save(folder, name, picture):
         (lambda folder: (folder / "a.pgm").write_bytes(b"P5\n4 3\n255\nshort"), "a.pgm: "),
         (lambda folder: save(folder, "a.png", np.zeros((3, 4), np.uint16)), "a.png: pixels of mode I;16"),
         (lambda folder: save(folder, "a.png", np.zeros((1, 1025), np.uint8)), "a.png: 1025x1, at most 1024"),
+        (lambda folder: (folder / "a.pgm").write_bytes(b"P5\n60000 60000\n255\n"), "a.pgm: Image size"),
         (
             lambda folder: [save(folder, f"{side}.png", np.zeros((side, 4), np.uint8)) for side in (3, 5)],
             "5.png: 4x5, but the pictures before it are 4x3",
