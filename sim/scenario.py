@@ -22,6 +22,8 @@ _PACKAGE = sys.modules[__package__]
 
 Value = Scalar | list[Scalar]
 FRAME_PERIOD_S_MAX = 10
+CRTP_PERIOD_S_MAX = 1000
+"""In the STM32's configuration it has 32 bits of microseconds."""
 
 
 @dataclass(frozen=True)
@@ -220,6 +222,8 @@ def check_robot(robot: RobotSettings) -> None:
             )
     if robot.firmware == "stock" and robot.wire == "uart1":
         raise LocalError("wire=uart1 with firmware=stock: stock firmware sends no stamps, so nothing would ever come")
+    if 0 < robot.crtp.hz < 1 / CRTP_PERIOD_S_MAX:
+        raise LocalError(f"crtp_hz={plain(robot.crtp.hz)}: allowed is 0, or {plain(1 / CRTP_PERIOD_S_MAX)} and more")
     camera = robot.camera
     if camera.fps == 0:
         return

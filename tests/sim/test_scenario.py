@@ -72,6 +72,7 @@ REFUSED = [
     ("robots=0", "robots=0: allowed is 1 .. 256"),
     ("gap8_stamp_bits=32&gap8_stamp_start_us=4294967296", "gap8_stamp_start_us=4294967296: allowed is 0 .. 2^32 - 1"),
     ("camera_fps=30", "camera_fps=30: allowed is 0 .. 23.19, as 244 rows and 100 lines of exposure take 43.1 ms"),
+    ("crtp_hz=0.0001", "crtp_hz=0.0001: allowed is 0, or 0.001 and more"),
     ("camera_fps=0.01", "camera_fps=0.01: allowed is 0, or 0.1 and more with camera_burst=1"),
     ("firmware=stock&wire=uart1", "wire=uart1 with firmware=stock"),
     ("gap8_ppm", "it should read sim://SCENARIO"),
