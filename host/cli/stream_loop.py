@@ -177,8 +177,13 @@ def stream(arguments: argparse.Namespace, as_json: bool) -> int:
         show: JsonLines | Terminal = JsonLines() if as_json else Terminal(robots)
         open_things.enter_context(show)
         interrupted = pump(robots, arguments, show)
-    picture = save_last(robots, arguments.picture, as_json)
+    try:
+        picture, not_saved = save_last(robots, arguments.picture, as_json), None
+    except SpindeckError as error:
+        picture, not_saved = None, error
     show.finish(robots, picture)
+    if not_saved is not None:
+        raise not_saved
     for robot in robots:
         named = len(robots) == 1 or str(robot.error).startswith(robot.port)
         if isinstance(robot.error, SpindeckError) and not named:

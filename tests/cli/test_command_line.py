@@ -95,6 +95,14 @@ def test_picture(tmp_path: Path) -> None:
     assert host(*words).returncode == 2
 
 
+def test_a_picture_that_cannot_be_saved_costs_no_summary(tmp_path: Path) -> None:
+    path = tmp_path / "no-such-folder" / "last.png"
+    result = host("stream", "--port", "sim://hover?pace=max", "--count", "2", "--picture", str(path))
+    assert result.returncode == 2
+    assert "last.png" in result.stderr
+    assert records(result.stdout)[-1]["event"] == "summary"
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [
