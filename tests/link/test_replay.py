@@ -1,8 +1,10 @@
 """A replay gives the bytes that were recorded, read for read, with their times."""
 
+import json
 import random
 import socket
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -384,8 +386,6 @@ def test_urls_there_and_back() -> None:
 
 
 def test_two_robots_are_served_on_two_ports(four: tuple[Path, list[Tee]], capsys: pytest.CaptureFixture[str]) -> None:
-    import json
-
     busy = socket.create_server(("127.0.0.1", 0))
     port = busy.getsockname()[1]
     assert main(["replay", str(four[0]), "--listen", f"127.0.0.1:{port}", "--robot", "0"]) == 2
@@ -395,7 +395,8 @@ def test_two_robots_are_served_on_two_ports(four: tuple[Path, list[Tee]], capsys
     running.start()
     lines: list[dict[str, Any]] = []
     while len(lines) < 4:
-        lines += [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+        time.sleep(0.01)
+        lines += [json.loads(line) for line in capsys.readouterr().out.splitlines() if line]
     for each in lines[:4]:
         with socket.create_connection(("127.0.0.1", int(each["port"].rpartition(":")[2])), timeout=60) as client:
             assert receive_all(client) == b"".join(data for _, data in four[1][each["robot"]].reads)
