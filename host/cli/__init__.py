@@ -13,7 +13,7 @@ import sys
 from collections.abc import Sequence
 
 from ..protocol.errors import ConnectionLostError, LocalError, PeerError, PeerSilentError, SpindeckError
-from . import ports, recover, replay, sim, stream
+from . import dissect, ports, recover, replay, sim, stream
 
 EXIT_LOCAL = 2
 EXIT_INTERRUPTED = 130
@@ -50,6 +50,7 @@ def parser() -> argparse.ArgumentParser:
     recover.add_parser(commands)
     sim.add_parser(commands)
     ports.add_parser(commands)
+    dissect.add_parser(commands)
     list_exit_codes(top)
     return top
 

@@ -1,0 +1,203 @@
+"""`host dissect`: captured bytes, packet by packet, from the specification."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..protocol.errors import LocalError
+from .as_json import line
+
+if TYPE_CHECKING:
+    from ..protocol.dissect import Framing, Piece
+    from ..protocol.explain import Field, Meaning
+
+EXAMPLES = """\
+input:
+  the bytes of one direction of one wire, as a sniffer, a logic analyser or socat -x have them; FILE or - (stdin)
+  --hex: text with two digits a byte, spaces as you like; also what xxd and hexdump -C print
+  FILE.mcap: what a recording has received (host stream --record); --robot N chooses which
+
+framings (guessed when not given):
+  tcp       CPX over TCP, port 5000: length, route, data
+  cpx-uart  UART2: FF, length, route, data, check; credits
+  stamps    UART1: stamp messages
+  spi       one line of the SPI between GAP8 and ESP32
+
+examples:
+  host dissect capture.bin
+  echo "ff 04 0a 04 20 01 d4" | host dissect - --hex
+  host dissect flight1.mcap --json | grep wifi
+"""
+GARBAGE_SHOWN = 16
+LIKELY = 0.02
+"""Less than this is found in random bytes too."""
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declares the command and its options."""
+    this = commands.add_parser(
+        "dissect",
+        help="explain captured bytes, packet by packet",
+        description="Explain captured bytes, packet by packet: where each is, its route, what it says. Every byte is "
+        "accounted for; garbage is located and explained.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = this.add_argument
+    add("file", metavar="FILE", help="the capture; - for stdin")
+    add("--framing", choices=["tcp", "cpx-uart", "stamps", "spi"], help="what the bytes are (default: guessed)")
+    add("--hex", action="store_true", help="FILE is hexadecimal text")
+    add("--robot", type=int, metavar="N", help="of a recording (default: its first)")
+    add("--brief", action="store_true", help="one line a packet, without its fields")
+    add("--show-keys", action="store_true", help="show keys of wireless networks in the clear")
+    add("--json", action="store_true", help="JSON lines: each piece, then a summary")
+    this.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Reads, splits, explains, prints."""
+    try:
+        from ..protocol import dissect, explain
+    except ModuleNotFoundError as error:
+        if error.name not in ("construct", "crcmod"):
+            raise
+        raise LocalError(
+            f"host dissect needs {error.name}, which is not installed: pip install 'spindeck[spec]'"
+        ) from error
+    data, framing = read(arguments)
+    if framing is None:
+        framing, part = dissect.guess(data)
+        explains = f"it explains {part:.0%} of the first bytes" if part >= LIKELY else "and nothing looks like it"
+        print(f"framing {framing}, guessed, {explains}", file=sys.stderr)
+    explainer = explain.Explainer(framing, arguments.show_keys)
+    total = Summary(framing)
+    for piece in dissect.split(data, framing):
+        meaning = explainer.explain(piece)
+        name = explain.NAMES.get(piece.content.route.function, "unknown") if piece.kind == "packet" else piece.kind
+        total.add(piece, name)
+        if arguments.json:
+            print(line(record(piece, name, meaning, data)))
+        else:
+            print_piece(piece, name, meaning, data, arguments.brief)
+    total.print(as_json=arguments.json)
+    return 0
+
+
+def read(arguments: argparse.Namespace) -> tuple[bytes, Framing | None]:
+    """The captured bytes and what they are, if that is known. LocalError when they cannot be had."""
+    if arguments.file.endswith(".mcap"):
+        from ..link.replay import Recording
+
+        recording = Recording(arguments.file)
+        try:
+            source = recording.source(arguments.robot)
+            return b"".join(data for _, data in recording.reads(source)), arguments.framing or source.framing
+        finally:
+            recording.close()
+    if arguments.robot is not None:
+        raise LocalError("--robot is for recordings (FILE.mcap): other captures are of one wire")
+    try:
+        raw = sys.stdin.buffer.read() if arguments.file == "-" else Path(arguments.file).read_bytes()
+    except OSError as error:
+        raise LocalError(f"{arguments.file}: {error.strerror}") from error
+    return from_hex(raw.decode("utf-8", "replace"), arguments.file) if arguments.hex else raw, arguments.framing
+
+
+def from_hex(text: str, name: str) -> bytes:
+    """Two digits a byte. Offsets (xxd, hexdump -C) at the start of a line and what they print behind are left out."""
+    import re
+
+    out = bytearray()
+    hexdump = False
+    for number, whole in enumerate(text.splitlines(), 1):
+        digits = re.sub(r"#.*", "", whole)
+        digits = re.sub(r"^\s*[0-9a-fA-F]{4,}:(.*?)(  .*)?$", r"\1", digits)
+        if barred := re.match(r"^[0-9a-fA-F]{7,8}  (.*)\|.*\|\s*$", whole):
+            digits, hexdump = barred[1], True
+        elif hexdump and re.match(r"^[0-9a-fA-F]{7,8}\s*$", whole):
+            continue  # its end: the size
+        digits = re.sub(r"0[xX]|[\s,:]", "", digits)
+        try:
+            out += bytes.fromhex(digits)
+        except ValueError as error:
+            raise LocalError(
+                f"{name}, line {number}: {whole.strip()[:40]!r} is not pairs of hexadecimal digits"
+            ) from error
+    return bytes(out)
+
+
+class Summary:
+    """Counts at the end: all pieces together are all bytes."""
+
+    def __init__(self, framing: Framing) -> None:
+        self.framing = framing
+        self.bytes: Counter[str] = Counter()
+        self.pieces: Counter[str] = Counter()
+
+    def add(self, piece: Piece, name: str) -> None:
+        self.bytes[name] += piece.size
+        self.pieces[name] += 1
+
+    def print(self, as_json: bool) -> None:
+        if as_json:
+            of = {name: {"pieces": count, "bytes": self.bytes[name]} for name, count in sorted(self.pieces.items())}
+            print(line({"event": "summary", "framing": self.framing, "bytes": self.bytes.total(), "of": of}))
+            return
+        print(f"{self.bytes.total()} bytes, {self.framing}:")
+        for name, count in sorted(self.pieces.items(), key=lambda item: -self.bytes[item[0]]):
+            print(f"{self.bytes[name]:>12} bytes in {count} {name}")
+
+
+def record(piece: Piece, name: str, meaning: Meaning, data: bytes) -> dict[str, Any]:
+    """A piece for a program."""
+    made: dict[str, Any] = {"event": piece.kind, "offset": piece.offset, "size": piece.size}
+    if piece.kind == "packet":
+        made["route"] = {key: value for key, value in piece.content.route.items() if not key.startswith("_")}
+        made["function"] = name
+    made["about"] = meaning.about
+    if piece.kind == "garbage":
+        made["hex"] = data[piece.offset : piece.offset + GARBAGE_SHOWN].hex()
+    if meaning.fields:
+        made["fields"] = {each.name: each.value for each in meaning.fields}
+    return made
+
+
+def print_piece(piece: Piece, name: str, meaning: Meaning, data: bytes, brief: bool) -> None:
+    """A piece for people."""
+    print(f"{piece.offset:>10} {piece.size:>6}  {headline(piece, name, meaning)}")
+    if piece.kind == "garbage":
+        shown = data[piece.offset : piece.offset + min(piece.size, GARBAGE_SHOWN)]
+        print(f"{'':19}{shown.hex(' ')}{' …' if piece.size > GARBAGE_SHOWN else ''}")
+    if brief:
+        return
+    for each in meaning.fields:
+        for text in field_lines(each):
+            print(f"{'':19}{text}")
+
+
+def headline(piece: Piece, name: str, meaning: Meaning) -> str:
+    from ..protocol.explain import TARGETS
+
+    if piece.kind != "packet":
+        return f"{piece.kind}{': ' * bool(meaning.about)}{meaning.about}"
+    route = piece.content.route
+    marks = [mark for mark, set_ in (("last", route.last_packet), ("reserved bit", route.reserved)) if set_]
+    if route.version:
+        marks.append(f"version {route.version}")
+    notes = f" ({', '.join(marks)})" if marks else ""
+    return f"{TARGETS[route.source]} to {TARGETS[route.destination]}, {name}{notes}: {meaning.about}"
+
+
+def field_lines(each: Field) -> Iterator[str]:
+    """A field and its meaning; a list, one of its rows a line."""
+    if isinstance(each.value, list):
+        for row in each.value:
+            yield ", ".join(f"{name} {value}" for name, value in row.items())
+        return
+    value = each.words if each.value is None else f"{each.value}{f' {each.words}' * bool(each.words)}"
+    yield f"{each.name:<18} {value:<22} {each.meaning}".rstrip()

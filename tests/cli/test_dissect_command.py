@@ -1,0 +1,113 @@
+"""`host dissect` as a user meets it."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+CONNECT = bytes.fromhex("ff 04 0a 04 20 01 d4")
+
+
+def dissect(*words: str, stdin: bytes = b"") -> tuple[int, str, str]:
+    result = subprocess.run(
+        [sys.executable, "-m", "host", "dissect", *words], input=stdin, capture_output=True, timeout=120, cwd=ROOT
+    )
+    return result.returncode, result.stdout.decode(), result.stderr.decode()
+
+
+def test_a_frame_of_the_protocol_page() -> None:
+    code, out, err = dissect("-", stdin=CONNECT)
+    assert code == 0, err
+    lines = out.splitlines()
+    assert lines[0].split() == ["0", "7", "STM32", "to", "ESP32,", "WIFI_CTRL:", "CONNECT"]
+    assert lines[1].split()[:3] == ["command", "32", "CONNECT"]
+    assert lines[2].split() == ["argument", "1"]
+    assert lines[3] == "7 bytes, cpx-uart:"
+    assert "cpx-uart, guessed" in err
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ff 04 0a 04 20 01 d4\n",
+        "FF040A04\n2001D4",
+        "0xff, 0x04, 0x0a, 0x04, 0x20, 0x01, 0xd4  # connect\n",
+        "00000000: ff04 0a04 2001 d4                        .... ..\n",
+        "00000000  ff 04 0a 04 20 01 d4                              |.... ..|\n00000007\n",
+    ],
+)
+def test_hexadecimal_text(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "capture.txt"
+    file.write_text(text)
+    code, out, err = dissect(str(file), "--hex", "--framing", "cpx-uart", "--json")
+    assert code == 0, err
+    records = [json.loads(line) for line in out.splitlines()]
+    assert [record["event"] for record in records] == ["packet", "summary"]
+    assert records[0]["route"]["destination"] == 2
+    assert records[0]["fields"] == {"command": 32, "argument": 1}
+    assert records[1]["of"] == {"WIFI_CTRL": {"pieces": 1, "bytes": 7}}
+    assert err == ""
+
+
+def test_a_recording(tmp_path: Path) -> None:
+    file = tmp_path / "flight.mcap"
+    words = ["stream", "--port", "sim://hover?pace=max&robots=2&robot=1", "--count", "3", "--record", str(file)]
+    subprocess.run([sys.executable, "-m", "host", *words], cwd=ROOT, check=True, capture_output=True, timeout=120)
+    code, out, err = dissect(str(file), "--json")
+    assert code == 0, err
+    *pieces, summary = [json.loads(line) for line in out.splitlines()]
+    assert {piece["event"] for piece in pieces[:-1]} == {"packet"}
+    assert sum(piece["size"] for piece in pieces) == summary["bytes"]
+    abouts = [piece["about"] for piece in pieces]
+    assert abouts[0] == "stock image header"
+    assert "native frame" in abouts
+    assert "native pairs" in abouts
+    frame = next(piece for piece in pieces if piece["about"] == "native frame")
+    assert frame["fields"]["body_bytes"] == 324 * 244
+    assert frame["fields"]["flags"] & 1
+    code, _, err = dissect(str(file), "--robot", "7")
+    assert code == 2
+    assert "no robot 7" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "stdin", "says"),
+    [
+        (["/no/such/file"], b"", "/no/such/file: No such file"),
+        (["-", "--hex"], b"ff 0\n", "line 1"),
+        (["-", "--hex"], b"\nhello\n", "line 2"),
+        (["-", "--robot", "0"], b"", "--robot"),
+        (["README.mcap"], b"", "README.mcap"),
+    ],
+)
+def test_wrong_input_is_told_in_one_line(words: list[str], stdin: bytes, says: str) -> None:
+    code, _, err = dissect(*words, stdin=stdin)
+    assert code == 2
+    assert says in err
+    assert "Traceback" not in err
+    assert err.count("\n") == 1
+
+
+def test_garbage_and_nothing_at_all() -> None:
+    code, out, err = dissect("-", stdin=b"hello, world")
+    assert code == 0
+    assert "garbage: " in out
+    assert "nothing looks like it" in err
+    assert dissect("-")[1] == "0 bytes, tcp:\n"
+
+
+def test_without_construct_it_says_what_to_install() -> None:
+    code = "import sys; sys.modules['construct'] = None; from host.cli import main; sys.exit(main(['dissect', '-']))"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert result.returncode == 2, result.stderr
+    assert "pip install 'spindeck[spec]'" in result.stderr
+
+
+def test_a_reader_that_has_enough() -> None:
+    command = f"head -c 200000 /dev/zero | {sys.executable} -m host dissect - --framing stamps --json | head -1"
+    result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=ROOT, timeout=120)
+    assert json.loads(result.stdout)["event"] == "garbage"
+    assert result.stderr == ""
