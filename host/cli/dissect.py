@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..protocol.errors import LocalError
-from .as_json import line
 
 if TYPE_CHECKING:
     from ..protocol.dissect import Framing, Piece
@@ -151,6 +150,13 @@ class Summary:
         print(f"{self.bytes.total()} bytes, {self.framing}:")
         for name, count in sorted(self.pieces.items(), key=lambda item: -self.bytes[item[0]]):
             print(f"{self.bytes[name]:>12} bytes in {count} {name}")
+
+
+def line(made: dict[str, Any]) -> str:
+    """One line of JSON."""
+    from . import as_json
+
+    return as_json.line(made)
 
 
 def record(piece: Piece, name: str, meaning: Meaning, data: bytes) -> dict[str, Any]:

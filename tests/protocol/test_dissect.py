@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import struct
+import zlib
 
 import crcmod.predefined
 import pytest
@@ -189,6 +190,7 @@ def test_a_frame_inside_a_frame_that_never_ended() -> None:
 def test_a_native_message_in_pieces_on_the_uart() -> None:
     status = struct.pack("<BBHQ12I", 0x4E, 4, 0, 77, *range(12))
     pairs = struct.pack("<BBBBI", 0x4E, 3, 5, 0, 9) + b"".join(struct.pack("<IQQB", i, i, i, 0) for i in range(5))
+    status, pairs = (message + struct.pack("<I", zlib.crc32(message)) for message in (status, pairs))
     assert len(status) < 98 < len(pairs)
     made = meanings(
         uart(status, b"\x53\x05") + uart(pairs[:98], b"\x23\x05") + b"\xff\x00" + uart(pairs[98:]), "cpx-uart"
