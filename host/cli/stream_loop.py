@@ -50,6 +50,7 @@ class Robot:
     frames: int = 0
     first_ns: int | None = None
     last_ns: int = 0
+    first_frame_ns: int = 0
     last_frame: Frame | None = None
     stamped: list[tuple[int, int, int]] = field(default_factory=list)
     """(frame, frame_gap8_us, frame_stm32_us) of the frames with an estimate, kept where there is a truth to compare."""
@@ -65,6 +66,8 @@ class Robot:
             self.first_ns = event.arrival_host_ns
         self.last_ns = event.arrival_host_ns
         if isinstance(event, Frame):
+            if self.last_frame is None:
+                self.first_frame_ns = event.arrival_host_ns
             self.frames += 1
             self.last_frame = event
             if event.native and event.native.frame_stm32_us is not None and self.world is not None:
@@ -80,6 +83,13 @@ class Robot:
         return 0.0 if self.first_ns is None else (self.last_ns - self.first_ns) * 1e-9
 
     @property
+    def fps(self) -> float | None:
+        """From the first frame to the last: N frames span N - 1 periods."""
+        if self.last_frame is None or self.last_frame.arrival_host_ns <= self.first_frame_ns:
+            return None
+        return (self.frames - 1) / ((self.last_frame.arrival_host_ns - self.first_frame_ns) * 1e-9)
+
+    @property
     def world(self) -> Any:
         """The simulated world behind the port, or None for a real one."""
         return getattr(self.stream.port, "world", None)
@@ -87,12 +97,12 @@ class Robot:
     def summary(self) -> dict[str, Any]:
         """Figures at the end, or so far; `frames_lost` by cause, `stamp_error_us` only where the truth is known."""
         counters = self.stream.counters
-        # N frames span N - 1 periods; the first event (a boot message, say) may come long before the first frame.
+        fps = self.fps
         return {
             "port": self.port,
             "frames": self.frames,
             "seconds": round(self.seconds, 3),
-            "fps": round(self.frames / self.seconds, 2) if self.seconds > 0 else None,
+            "fps": None if fps is None else round(fps, 2),
             "bytes": counters.bytes,
             "frames_lost": {cause: count for cause, count in counters.frames_lost.items() if count},
             "garbage_bytes": counters.garbage_bytes,
