@@ -1,5 +1,5 @@
-"""What users of the existing firmware and viewers know too well: each fault injected, seen in a counter, and nothing else
-lost. A second client is test_serve.py's.
+"""What users of the existing firmware and viewers know too well: each fault injected, seen in a counter, and nothing
+else lost. A second client is test_serve.py's.
 """
 
 import random
