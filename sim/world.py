@@ -208,8 +208,13 @@ class World:
                 self._truth.append(batch[:count].copy())
             if count < len(batch):
                 break
-        while sum(map(len, self._truth)) > TRUTH_MAX:
-            self.truth_lost += len(self._truth.popleft())
+        excess = sum(map(len, self._truth)) - TRUTH_MAX
+        while excess > 0:
+            oldest = self._truth.popleft()
+            if len(oldest) > excess:
+                self._truth.appendleft(oldest[excess:])
+            self.truth_lost += min(excess, len(oldest))
+            excess -= len(oldest)
 
     @property
     def truth(self) -> NDArray[np.void]:

@@ -8,6 +8,7 @@ import pytest
 
 from host.protocol.errors import LocalError
 from sim import configure, scenario
+from sim import world as world_module
 from sim.truth import TRUTH_DTYPE, errors_us
 from sim.world import World
 
@@ -277,3 +278,17 @@ def test_an_empty_list_of_robots_truth_is_typed():
         world.run(1)
         assert world.truth.dtype == TRUTH_DTYPE
         assert len(world.truth) == 0
+
+
+def test_truth_forgets_the_oldest_alone(monkeypatch):
+    monkeypatch.setattr(world_module, "TRUTH_MAX", 20)
+    with World("hover") as world:
+        world.robots[0].connect()
+        world.run(2.5)
+        seen = world.truth["frame"].tolist()
+        world.run(1)
+        kept = world.truth["frame"].tolist()
+        assert len(kept) == 20
+        assert kept == list(range(kept[-1] - 19, kept[-1] + 1))
+        assert kept[0] in seen
+        assert world.truth_lost == world.robots[0].gap8["frame"] - 20
