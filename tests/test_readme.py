@@ -82,6 +82,27 @@ def test_served_robots(command: str, tmp_path: Path) -> None:
     assert first.startswith("/dev/" if "--pty" in words else "socket://127.0.0.1:")
 
 
+@pytest.mark.parametrize(
+    "command", re.findall(r"^(?:echo .*\| )?\.venv/bin/host d(?:eck|issect) .*$", README, re.MULTILINE)
+)
+def test_decks_and_captures(command: str, tmp_path: Path) -> None:
+    """Every line that can be run without a robot, as it stands; the options of the others exist."""
+    (tmp_path / "capture.bin").write_bytes(bytes.fromhex("ff040a042001d4"))
+    (tmp_path / "lab.key").write_text("12345678\n")
+    line = command.replace(".venv/bin/host", f"{shlex.quote(sys.executable)} -m host")
+    line = line.replace("socket://192.168.4.1:5000", "sim://hover")
+    result = subprocess.run(
+        ["bash", "-c", line],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stdout
+
+
 def test_the_two_commands_exist() -> None:
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
     assert {"stream", "test"} <= set(targets)

@@ -8,12 +8,13 @@ stdout is data, stderr is for people.
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Sequence
 
 from ..protocol.errors import ConnectionLostError, LocalError, PeerError, PeerSilentError, SpindeckError
-from . import dissect, ports, recover, replay, sim, stream
+from . import deck, dissect, ports, recover, replay, sim, stream
 
 EXIT_LOCAL = 2
 EXIT_INTERRUPTED = 130
@@ -51,6 +52,7 @@ def parser() -> argparse.ArgumentParser:
     sim.add_parser(commands)
     ports.add_parser(commands)
     dissect.add_parser(commands)
+    deck.add_parser(commands)
     list_exit_codes(top)
     return top
 
@@ -78,13 +80,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         top.print_help(sys.stderr)
         return EXIT_LOCAL
     try:
-        return int(arguments.run(arguments))
+        code = int(arguments.run(arguments))
+        sys.stdout.flush()
+        return code
     except SpindeckError as error:
         print(f"host: {error}", file=sys.stderr)
         return next(code for blame, code in EXIT_OF if isinstance(error, blame))
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        # Whoever read our output has enough. Python would complain again when it flushes stdout at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # Whoever read our output has enough.
+        forget_output()
         return 0
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        print(f"host: {error.strerror}", file=sys.stderr)
+        forget_output()
+        return EXIT_LOCAL
+
+
+def forget_output() -> None:
+    """Python would complain again when it flushes stdout at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -352,6 +352,10 @@ class Stream:
         """Asks for camera settings; sent while frames are read, answered by a Reply among the events()."""
         self._session.request_camera(settings)
 
+    def send(self, destination: int, function: int, data: bytes) -> None:
+        """A packet, sent while something reads. Numbers as in host.native: CPX_ESP32, CPX_TEST."""
+        self._session.send(destination, function, data)
+
     def close(self) -> None:
         """From any thread; an iteration that waits for bytes ends within POLL_S."""
         self._closed = True
@@ -416,7 +420,7 @@ class Stream:
             raise PeerSilentError(f"{self.port.url}: {self._who_is_silent((now_ns - self._alive_ns) * 1e-9)}")
 
     def _who_is_silent(self, seconds: float) -> str:
-        counters = self.counters
+        counters = self._session.counters  # of this connection
         packets = sum(counters.packets.values()) + counters.stamps
         if counters.bytes == 0:
             return f"not a byte in {seconds:.1f} s: is the robot on, is the wire the right one?"

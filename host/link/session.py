@@ -94,7 +94,15 @@ class Session:
 
     def request_camera(self, settings: CameraSettings) -> None:
         """Asks the GAP8 for these settings; a Reply says whether it took them."""
-        self._send(lib.CPX_GAP8, encode_camera_request(settings))
+        self.send(lib.CPX_GAP8, lib.CPX_APP, encode_camera_request(settings))
+
+    def send(self, destination: int, function: int, data: bytes) -> None:
+        """A packet from the host, after those that wait."""
+        if self.framing == "stamps":
+            raise LocalError("this port only listens to UART1: open the robot's other port to send to it")
+        if len(self._to_send) >= SEND_PACKETS:
+            raise LocalError("requests come faster than the robot takes them: wait for its replies")
+        self._to_send.append(CpxPacket(Route(destination, lib.CPX_HOST, function, last_packet=True), data))
 
     def data_to_send(self) -> bytes:
         """What is to be written now, maybe nothing. On CPX over UART that includes credits, in every dialect: they
@@ -255,14 +263,7 @@ class Session:
             return
         for target, asking in zip(ASKED, self._asking, strict=True):
             if asking.wanted and asking.due(now_ns):
-                self._send(target, encode_stream_request(StreamRequest(native=True)))
-
-    def _send(self, destination: int, data: bytes) -> None:
-        if self.framing == "stamps":
-            raise LocalError("this port only listens to UART1: open the robot's other port to send to it")
-        if len(self._to_send) >= SEND_PACKETS:
-            raise LocalError("requests come faster than the robot takes them: wait for its replies")
-        self._to_send.append(CpxPacket(Route(destination, lib.CPX_HOST, lib.CPX_APP, last_packet=True), data))
+                self.send(target, lib.CPX_APP, encode_stream_request(StreamRequest(native=True)))
 
     def _uart_to_send(self) -> bytes:
         out = ffi.new("uint8_t[]", 2 * lib.CPX_UART_FRAME_MAX)
