@@ -3,15 +3,22 @@
 Reads are a special case. They matter only when the host leaves so much unread that TCP's window begins to close;
 then they are kept, from the moment when the host last had read everything. All others would make the log as long as
 the stream, and are left out: a replay reads along freely where the log says nothing.
+Writes on a UART are many (a credit for each packet) and small: they are packed, 26 bytes for a credit.
 """
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 Record = dict[str, Any]
 """JSON-able. `t`: true ns; `n`: order among equal times; `do`: what; the rest are its arguments."""
+
+
+WRITE = struct.Struct("<qQII")
+"""t, n, robot, size; the bytes follow."""
 
 
 @dataclass
@@ -31,6 +38,7 @@ class Journal:
     def __init__(self, safe_bytes: list[int]) -> None:
         """`safe_bytes`, of each robot: unread bytes up to here never hold up the robot."""
         self._records: list[Record] = []
+        self._writes = bytearray()
         self._count = 0
         self._safe_bytes = safe_bytes
         self._reads = [_Reads() for _ in safe_bytes]
@@ -38,6 +46,11 @@ class Journal:
     def add(self, t: int, do: str, **arguments: Any) -> None:
         self._count += 1
         self._records.append({"t": t, "n": self._count, "do": do, **arguments})
+
+    def write(self, t: int, robot: int, data: bytes) -> None:
+        """The host has sent `data`."""
+        self._count += 1
+        self._writes += WRITE.pack(t, self._count, robot, len(data)) + data
 
     def read(self, t: int, robot: int, available: int, size: int) -> None:
         """The host has read `size` of `available` bytes."""
@@ -57,7 +70,14 @@ class Journal:
             for robot, own in enumerate(self._reads)
             if own.matter or available[robot] > self._safe_bytes[robot]
         ]
-        return sorted([*self._records, *open_reads], key=lambda record: (record["t"], record["n"]))
+        return sorted([*self._records, *self._written(), *open_reads], key=lambda record: (record["t"], record["n"]))
+
+    def _written(self) -> Iterator[Record]:
+        at = 0
+        while at < len(self._writes):
+            t, n, robot, size = WRITE.unpack_from(self._writes, at)
+            at += WRITE.size + size
+            yield {"t": t, "n": n, "do": "write", "robot": robot, "hex": self._writes[at - size : at].hex()}
 
     def _held(self, robot: int) -> Record:
         """From `t` on, when all had been read, the host read exactly this, and with `all` then had all again."""

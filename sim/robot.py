@@ -91,7 +91,7 @@ class Robot:
         with self.world.lock:
             count = int(lib.kernel_host_write(self.world.kernel, self.index, data, len(data)))
             if count:
-                self.world.did("write", robot=self.index, hex=data[:count].hex())
+                self.world.did_write(self.index, bytes(data[:count]))
             return count
 
     # What its parts have counted.

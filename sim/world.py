@@ -247,8 +247,14 @@ class World:
             self._journal.add(self.now_ns, do, **arguments)
         self._settle()
 
+    def did_write(self, robot: int, data: bytes) -> None:
+        """As did, of what a host has sent."""
+        if self._journal is not None:
+            self._journal.write(self.now_ns, robot, data)
+        self._settle()
+
     def did_read(self, robot: int, available: int, size: int) -> None:
-        """Likewise, after a host has read."""
+        """As did, after a host has read."""
         if self._journal is not None:
             self._journal.read(self.now_ns, robot, available, size)
         self._settle()

@@ -18,7 +18,7 @@ from made_streams import (
     stock,
 )
 
-from host.link.records import Announced, Console, Frame, Garbage, LostFrame, Packet, Reply
+from host.link.records import Announced, Console, Frame, Garbage, LostFrame, Packet, Reply, decode_jpeg
 from host.protocol.errors import PeerError
 
 A, B, C = (pixels(8, 5, seed) for seed in (1, 2, 3))
@@ -177,10 +177,10 @@ def test_announcement_is_reported_once() -> None:
     assert len([event for event in events if isinstance(event, Announced)]) == 1
 
 
-GOOD_JPEG = b"\xff\xd8" + bytes(36) + b"\xff\xd9"
+MARKERS_ONLY = b"\xff\xd8" + bytes(36) + b"\xff\xd9"
 
 
-@pytest.mark.parametrize("body", [GOOD_JPEG[:-1] + b"\x00", b"\x00" + GOOD_JPEG[1:], b"\xff\xd8\xd9"])
+@pytest.mark.parametrize("body", [MARKERS_ONLY[:-1] + b"\x00", b"\x00" + MARKERS_ONLY[1:], b"\xff\xd8\xd9"])
 def test_a_broken_jpeg_is_kept_aside(body: bytes) -> None:
     events, session = received(b"".join(stock(body, 8, 5, kind=1)) + FRAME_A)
     assert causes(events) == ["bad_jpeg"]
@@ -208,15 +208,17 @@ def test_a_jpeg_in_parts() -> None:
 
 
 # A JPEG of 65500 x 65500 pixels, if one believes it: Pillow refuses it in its own way.
-HUGE_JPEG = bytes.fromhex("ffd8 ffc0000b08ffdcffdc01011100") + GOOD_JPEG[2:]
+HUGE_JPEG = bytes.fromhex("ffd8 ffc0000b08ffdcffdc01011100") + MARKERS_ONLY[2:]
 
 
-@pytest.mark.parametrize("body", [GOOD_JPEG, HUGE_JPEG])
+@pytest.mark.parametrize("body", [MARKERS_ONLY, HUGE_JPEG])
 def test_a_jpeg_that_only_looks_whole_is_never_shown_as_good(body: bytes) -> None:
-    (frame,) = received(b"".join(stock(body, 8, 5, kind=1)))[0]
-    assert isinstance(frame, Frame)
+    (lost,), _ = received(b"".join(stock(body, 8, 5, kind=1)))
+    assert isinstance(lost, LostFrame)
+    assert lost.cause == "bad_jpeg"
+    assert lost.body.tobytes() == body
     with pytest.raises(PeerError, match="JPEG"):
-        _ = frame.pixels
+        decode_jpeg(lost.body, 8, 5)
 
 
 def test_a_body_belongs_to_the_caller() -> None:
