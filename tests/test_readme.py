@@ -108,3 +108,9 @@ def test_the_two_commands_exist() -> None:
     assert {"stream", "test"} <= set(targets)
     assert "make stream" in README
     assert "make test" in README
+
+
+def test_every_figure_has_a_script_and_every_script_a_figure() -> None:
+    table = README.split("## How fast")[1].split("\n## ")[0]
+    named = set(re.findall(r"benchmarks/(\w+\.py)", table))
+    assert named == {path.name for path in (ROOT / "benchmarks").glob("*.py")}

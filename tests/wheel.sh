@@ -13,6 +13,7 @@ trap 'rm -rf "$work"' EXIT
 "$work/venv/bin/pip" install --quiet --disable-pip-version-check "$work"/*.whl
 cd "$work"
 venv/bin/host --help >/dev/null
+[ "$(venv/bin/spindeck --version)" = "$(venv/bin/python -m host --version)" ]
 venv/bin/host stream --port "sim://hover?pace=max" --count 5 --json | tail -1
 venv/bin/python - <<'PY'
 from importlib.resources import files

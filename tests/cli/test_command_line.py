@@ -36,12 +36,6 @@ def test_help_lists_exit_codes_and_imports_nothing_heavy() -> None:
     assert result.stdout.strip() == "[]", result.stdout + result.stderr
 
 
-def test_three_names_one_program() -> None:
-    pyproject = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    assert 'host = "host.cli:main"' in pyproject
-    assert 'spindeck = "host.cli:main"' in pyproject
-
-
 def test_frames_and_summary_as_json() -> None:
     result = host("stream", "--port", "sim://hover?pace=max&seed=3", "--count", "4")
     assert result.returncode == 0, result.stderr
