@@ -126,7 +126,7 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
         + (f", {summary['fps']:.2f} fps" if summary["fps"] else ""),
         f"bytes       {summary['bytes']}",
         f"lost        {lost}"
-        + (f"; connected again {summary['reconnects']} times" if summary["reconnects"] else "")
+        + (f"; reconnected: {summary['reconnects']}" if summary["reconnects"] else "")
         + (f"; {summary['garbage_bytes']} garbage bytes" if summary["garbage_bytes"] else ""),
     ]
     if summary["recorded"]:

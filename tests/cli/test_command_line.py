@@ -48,6 +48,13 @@ def test_frames_and_summary_as_json() -> None:
     assert events[-1]["stamp_error_us"]["n"] > 0
 
 
+def test_frames_over_uart2() -> None:
+    """The host sits in the STM32's place and must give credits."""
+    result = host("stream", "--port", "sim://hover?wire=uart2&pace=max", "--count", "2")
+    assert result.returncode == 0, result.stderr
+    assert records(result.stdout)[-1]["frames"] == 2
+
+
 def test_same_seed_same_lines() -> None:
     runs = [host("stream", "--port", "sim://hover?pace=max&seed=5", "--count", "6").stdout for _ in range(2)]
     assert runs[0] == runs[1]

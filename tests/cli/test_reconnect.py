@@ -1,6 +1,8 @@
 """`host stream` when the connection comes and goes, and when it is stopped in the middle of frames."""
 
 import json
+import os
+import pty
 import signal
 import socket
 import struct
@@ -100,6 +102,33 @@ def test_frames_go_on_after_the_connection_was_lost(tmp_path: Path) -> None:
     pixels = [(folder / f"{index:06d}.pgm").read_bytes()[-SIZE:] for index in range(5)]
     assert pixels == [bytes([number]) * SIZE for number in (0, 1, 3, 4, 5)]
     assert summary["recorded"]["frames"] == 5  # type: ignore[index]
+
+
+def test_a_serial_adapter_that_is_pulled_and_plugged_in(tmp_path: Path) -> None:
+    device = tmp_path / "ttyUSB0"
+    pairs = [pty.openpty(), pty.openpty()]
+    device.symlink_to(os.ttyname(pairs[0][1]))
+    with stream("--port", str(device), "--framing", "tcp", "--reconnect", "--count", "3") as process:
+        assert process.stdout is not None
+        time.sleep(0.5)
+        os.write(pairs[0][0], frame(0))
+        while '"event":"frame"' not in process.stdout.readline():
+            pass
+        device.unlink()
+        for each in pairs[0]:
+            os.close(each)
+        while "no such device" not in process.stdout.readline():
+            pass
+        device.symlink_to(os.ttyname(pairs[1][1]))
+        while '"waiting"' not in process.stdout.readline():
+            pass
+        os.write(pairs[1][0], frame(1) + frame(2))
+        stdout, stderr = rest(process)
+    for each in pairs[1]:
+        os.close(each)
+    assert process.returncode == 0, stderr
+    assert lines(stdout)[-1]["reconnects"] == 1
+    assert lines(stdout)[-1]["frames"] == 3
 
 
 def test_a_silent_connection_is_made_again() -> None:
