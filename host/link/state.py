@@ -12,6 +12,9 @@ SILENT_NS = 2_000_000_000
 STAMPS_SILENT_US = 500_000
 """Fifty stamp messages."""
 
+LOOK_NS = 50_000_000
+"""While frames come, a look at the counters this often is enough: reading them takes time at full speed."""
+
 BACKOFF_FIRST_S = 0.5
 BACKOFF_MAX_S = 10.0
 
@@ -47,6 +50,7 @@ class Watch:
         self._progress_ns = 0
         self._broken_ns: int | None = None
         self._began = False
+        self._looked_ns = 0
         self._first_stampless_ns: int | None = None
         self._stamps_since_ns: int | None = None
 
@@ -65,19 +69,24 @@ class Watch:
 
     def look(self, session: Session, events: list[Event], now_ns: int) -> State | None:
         """After each read, with what it brought: the new state, or None while it is the old one."""
+        for event in events:
+            if isinstance(event, Frame):
+                self._began, self._whole_ns = True, now_ns
+                self._look_at_stamps(event)
+            elif isinstance(event, Stamp):
+                self._began, self._whole_ns = True, now_ns
+            elif isinstance(event, LostFrame):
+                self._broken_ns = now_ns
+        streaming = self.state is not None and self.state.state == "streaming" and self._stamps_since_ns is None
+        if streaming and now_ns - self._looked_ns < LOOK_NS:
+            return None
+        self._looked_ns = now_ns
         if session.bytes_received != self._bytes:
             self._bytes, self._bytes_ns = session.bytes_received, now_ns
-        progress = session.frame_progress
-        if progress != self._progress:
-            self._progress, self._progress_ns = progress, now_ns
-        for event in events:
-            if isinstance(event, Frame | Stamp):
-                self._began, self._whole_ns = True, now_ns
-                self._packets, self._packets_ns = session.packets_received, now_ns
-            if isinstance(event, LostFrame):
-                self._broken_ns = now_ns
-            elif isinstance(event, Frame):
-                self._look_at_stamps(event)
+        if session.frame_progress != self._progress:
+            self._progress, self._progress_ns = session.frame_progress, now_ns
+        if self._whole_ns == now_ns:
+            self._packets, self._packets_ns = session.packets_received, now_ns
         condition, since_ns = self._judge(session, now_ns)
         if self.state is not None and self.state.state == condition:
             return None
