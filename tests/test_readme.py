@@ -61,6 +61,21 @@ def test_commands(command: str, tmp_path: Path) -> None:
     assert '"event":"summary"' in result.stdout
 
 
+@pytest.mark.parametrize("command", re.findall(r"^\.venv/bin/host (doctor .*sim://.*)$", README, re.MULTILINE))
+def test_doctor(command: str, tmp_path: Path) -> None:
+    words = [f"{word}&pace=max" if word.startswith("sim://") else word for word in shlex.split(command)]
+    result = subprocess.run(
+        [sys.executable, "-m", "host", *words, "--duration", "10"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert result.returncode == 4, result.stderr
+    assert '"cause":"uart1_loss"' in result.stdout
+
+
 @pytest.mark.parametrize("command", re.findall(r"^\.venv/bin/host (sim serve.*)$", README, re.MULTILINE))
 def test_served_robots(command: str, tmp_path: Path) -> None:
     """Every `host sim serve` line, on ports that are free: it says where it is, and ends with Ctrl-C."""

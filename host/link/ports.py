@@ -268,6 +268,8 @@ class Stream:
         self.watch = Watch()
         self.watch.connected(port.clock_ns())
         self.reconnects = 0
+        self.waited_ns = 0
+        """For bytes, in poll; the rest of the time nobody polled, or events were made."""
         self._session = session
         self._reopen = reopen
         self._backoff = Backoff()
@@ -323,7 +325,9 @@ class Stream:
         with self._reading:
             if self._closed or self._ended:
                 return None
+            before_ns = time.monotonic_ns()
             data = self.port.read(session.bytes_wanted)
+            self.waited_ns += time.monotonic_ns() - before_ns
             now = self._now_ns = self.port.clock_ns()
         events: list[Event] = []
         if data is None:

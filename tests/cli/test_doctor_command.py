@@ -1,0 +1,106 @@
+"""`host doctor` as a user meets it. What it finds is tests/sim/test_doctor.py's."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from host.cli import doctor, main
+
+ROOT = Path(__file__).resolve().parents[2]
+SMALL = "pace=max&camera_width=64&camera_height=48"
+
+
+def diagnosis(capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
+    (line,) = capsys.readouterr().out.splitlines()
+    found: dict[str, object] = json.loads(line)
+    return found
+
+
+def test_a_clean_robot(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--port", f"sim://hover?{SMALL}", "--duration", "10", "--json"]) == 0
+    found = diagnosis(capsys)
+    assert found["healthy"] is True
+    assert found["findings"] == []
+    assert found["bottleneck"] == "camera"
+    assert found["seconds"] == pytest.approx(10, abs=0.2)
+    assert isinstance(found["frames"], int)
+    assert found["frames"] > 80
+
+
+def test_a_fault_in_words(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    assert main(["doctor", "--port", f"sim://hover?{SMALL}&uart1_loss=0.1", "--duration", "10"]) == doctor.EXIT_ILL == 4
+    out, err = capsys.readouterr()
+    assert "problem     UART1: time messages are lost" in out
+    assert "Reseat the decks" in out
+    assert "the limit is the camera" in out
+    assert "healthy" not in out
+    assert "listening to" in err
+
+
+def test_silence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--port", f"sim://hover?{SMALL}&camera_fps=0", "--duration", "3", "--json"]) == 3
+    out, err = capsys.readouterr()
+    assert json.loads(out)["findings"][0]["cause"] == "no_frames"
+    assert "not a byte in 3.0 s" in err
+
+
+def test_a_port_that_cannot_be_opened(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--port", "sim://nowhere"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("host: ")
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("wrong", [["--duration", "0"], ["--duration", "x"], ["--dialect", "klingon"], []])
+def test_wrong_arguments(wrong: list[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(["doctor", *(["--port", "sim://hover"] if wrong else []), *wrong])
+    assert stopped.value.code == 2
+
+
+def test_ctrl_c_ends_the_listening_and_not_the_diagnosis(tmp_path: Path) -> None:
+    program = subprocess.Popen(
+        [sys.executable, "-c", "import sys; sys.argv[0] = 'host'; from host.cli import main; sys.exit(main())",
+         "doctor", "--port", "sim://hover?camera_width=64&camera_height=48", "--duration", "3600"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    time.sleep(4)
+    program.send_signal(signal.SIGINT)
+    out, err = program.communicate(timeout=30)
+    assert program.returncode in (0, 3), err
+    assert json.loads(out)["event"] == "diagnosis"
+
+
+def test_a_connection_that_ends_is_made_again(capsys: pytest.CaptureFixture[str]) -> None:
+    header = bytes.fromhex("0d006305bc0400030001000c000000")
+    frame = header + b"\x0e\x00\x63\x05" + bytes(12)
+    server = socket.create_server(("127.0.0.1", 0))
+
+    def robot() -> None:
+        for _ in range(3):
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(frame * 3)
+        server.close()
+
+    thread = threading.Thread(target=robot)
+    thread.start()
+    port = f"socket://127.0.0.1:{server.getsockname()[1]}"
+    assert main(["doctor", "--port", port, "--duration", "2", "--dialect", "stock", "--json"]) == 4
+    thread.join()
+    found = diagnosis(capsys)
+    assert found["frames"] == 9
+    findings = found["findings"]
+    assert isinstance(findings, list)
+    assert ("Wi-Fi", "connection_ends") in [(each["stage"], each["cause"]) for each in findings]
