@@ -8,6 +8,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 /// Bytes to read. A view: whoever made it owns the memory and says how long it stays valid.
 typedef struct {
@@ -59,6 +60,20 @@ static inline void store32_le(uint8_t out[4], uint32_t value) {
 static inline void store64_le(uint8_t out[8], uint64_t value) {
     store32_le(out, (uint32_t)value);
     store32_le(out + 4, (uint32_t)(value >> 32));
+}
+
+/// Floats are IEEE 754 on every part of the robot: their four bytes travel, whatever they mean.
+static inline float load_float_le(const uint8_t in[4]) {
+    const uint32_t bits = load32_le(in);
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static inline void store_float_le(uint8_t out[4], float value) {
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    store32_le(out, bits);
 }
 
 #endif

@@ -2,8 +2,6 @@
 
 #include "checks.h"
 
-#include <string.h>
-
 enum { SYNC_BYTES = 2, CHECK_AT = 15 };
 
 static bytes_t checked(const uint8_t *message) {
@@ -35,30 +33,4 @@ int stamp_decode(bytes_t in, stamp_t *stamp) {
         .epoch = in.data[14],
     };
     return STAMP_BYTES;
-}
-
-void stamp_rx_init(stamp_rx_t *self) {
-    *self = (stamp_rx_t){0};
-}
-
-bool stamp_rx(stamp_rx_t *self, uint8_t byte, stamp_t *stamp) {
-    self->rx[self->fill++] = byte;
-    while (self->fill > 0) {
-        const int result = stamp_decode((bytes_t){self->rx, self->fill}, stamp);
-        if (result > 0) {
-            self->fill = 0;
-            self->received++;
-            return true;
-        }
-        if (result == ERR_SHORT) {
-            return false;
-        }
-        if (result == ERR_CHECK) {
-            self->bad_check++;
-        }
-        self->fill--;
-        memmove(self->rx, self->rx + 1, self->fill);
-        self->garbage_bytes++;
-    }
-    return false;
 }

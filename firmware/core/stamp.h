@@ -27,19 +27,4 @@ void stamp_encode(const stamp_t *stamp, uint8_t out[17]);
 /// STAMP_BYTES, or ERR_SHORT, ERR_START, ERR_CHECK. `*stamp` is untouched on error.
 int stamp_decode(bytes_t in, stamp_t *stamp);
 
-/// Messages out of a byte stream. After a bad CRC the search goes on inside the bytes already read, so that
-/// one false start never costs the message behind it.
-typedef struct {
-    uint8_t rx[STAMP_BYTES];
-    uint8_t fill;
-    uint32_t received;
-    uint32_t bad_check;
-    uint32_t garbage_bytes;
-} stamp_rx_t;
-
-void stamp_rx_init(stamp_rx_t *self);
-
-/// One byte. True when it completes a message.
-bool stamp_rx(stamp_rx_t *self, uint8_t byte, stamp_t *stamp);
-
 #endif

@@ -23,7 +23,7 @@ int gap8_init(gap8_t *self, const gap8_config_t *config, instant_t now) {
         .sending = -1,
         .capture_next_us = now.up_us,
     };
-    stamp_rx_init(&self->stamp_rx);
+    uart1_rx_init(&self->stamp_rx, UART1_STAMP);
     return 0;
 }
 
@@ -52,20 +52,24 @@ static void add_pair(gap8_t *self, const stamp_t *stamp, uint64_t gap8_us) {
     self->pairs_fill++;
 }
 
+static void take_stamp(gap8_t *self, const stamp_t *stamp, uint64_t stamp_us) {
+    const uint32_t gap = stamp->sequence - self->stamp_last.sequence - 1;
+    if (self->stamp_valid && gap <= STAMP_GAP_MAX) {
+        self->stamps_missed += gap;
+    }
+    self->stamp_valid = true;
+    self->stamp_last = *stamp;
+    self->stamp_last_gap8_us = stamp_us;
+    add_pair(self, stamp, stamp_us);
+}
+
 static void receive_stamps(gap8_t *self, bytes_t in, uint64_t stamp_us) {
     for (size_t i = 0; i < in.size; i++) {
-        stamp_t stamp;
-        if (!stamp_rx(&self->stamp_rx, in.data[i], &stamp)) {
-            continue;
+        uart1_message_t message;
+        uart1_rx_put(&self->stamp_rx, in.data[i]);
+        while (uart1_rx_take(&self->stamp_rx, &message)) {
+            take_stamp(self, &message.stamp, stamp_us);
         }
-        const uint32_t gap = stamp.sequence - self->stamp_last.sequence - 1;
-        if (self->stamp_valid && gap <= STAMP_GAP_MAX) {
-            self->stamps_missed += gap;
-        }
-        self->stamp_valid = true;
-        self->stamp_last = stamp;
-        self->stamp_last_gap8_us = stamp_us;
-        add_pair(self, &stamp, stamp_us);
     }
 }
 

@@ -13,7 +13,7 @@
 
 #include "../core/cpx_link.h"
 #include "../core/image.h"
-#include "../core/stamp.h"
+#include "../core/uart1.h"
 
 typedef enum {
     GAP8_PORT_UART1 = 0, ///< from the STM32, in only: stamp messages
@@ -63,7 +63,7 @@ typedef struct {
     native_camera_t camera_next; ///< from the next burst on
     native_stream_t stream;      ///< what the host has asked for
     bool client;                 ///< a host is connected
-    stamp_rx_t stamp_rx;
+    uart1_rx_t stamp_rx;
     bool stamp_valid; ///< one has been received since boot
     stamp_t stamp_last;
     uint64_t stamp_last_gap8_us; ///< stamp clock when it came in

@@ -9,19 +9,24 @@ from typing import Any
 from ..link.records import Event, Frame, LostFrame, State
 from ..link.state import describe
 
-EVENT_NAMES = {"LostFrame": "lost_frame"}
+EVENT_NAMES = {"LostFrame": "lost_frame", "PaperStamp": "paper_stamp", "NanocockpitStamp": "nanocockpit_stamp"}
 
 
 def as_dict(event: Event, robot: int) -> dict[str, Any]:
-    """Everything but pixels and pairs, which become their number."""
+    """Everything but pixels and pairs, which become their number. What a frame's dialect adds lies beside the rest."""
     name = type(event).__name__
     record: dict[str, Any] = {"event": EVENT_NAMES.get(name, name.lower()), "robot": robot}
     for field in dataclasses.fields(event):
         record[field.name] = getattr(event, field.name)
     if isinstance(event, Frame):
-        record.update(body=None, bytes=int(event.body.size), pairs=None if event.pairs is None else len(event.pairs))
-        record.update(dataclasses.asdict(event.native) if event.native else {})
-        del record["native"], record["body"]
+        record.update(bytes=int(event.body.size), pairs=None if event.pairs is None else len(event.pairs))
+        header = event.native or event.paper or event.nanocockpit
+        record.update(dataclasses.asdict(header) if header else {})
+        record.update(dialect=event.dialect, frame_stm32_us=event.frame_stm32_us)
+        if event.nanocockpit:
+            record.update(round_trip_us=event.nanocockpit.round_trip_us)
+        for name in ("native", "paper", "nanocockpit", "body"):
+            del record[name]
     elif isinstance(event, LostFrame):
         del record["body"]
     elif isinstance(event, State):
@@ -33,4 +38,4 @@ def as_dict(event: Event, robot: int) -> dict[str, Any]:
 
 def line(record: dict[str, Any]) -> str:
     """One line of JSON, without the newline."""
-    return json.dumps(record, separators=(",", ":"), allow_nan=False)
+    return json.dumps(record, separators=(",", ":"), allow_nan=False, default=dataclasses.asdict)

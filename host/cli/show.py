@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
-    from ..link.records import Event
+    from ..link.records import Event, Frame
     from .stream_loop import Robot
 
 
@@ -109,12 +109,21 @@ def status_line(robot: Robot) -> str:
         return f"robot {robot.number}: waiting for {robot.port}"
     # Not the summary: its stamp error looks at every frame so far, and this is asked for five times a second.
     counters = robot.stream.counters
-    stamp = robot.last_frame.frame_stm32_us if robot.last_frame else None
     return (
         f"robot {robot.number}: {robot.frames} frames  {robot.fps or 0:.1f} fps  "
-        f"{counters.bytes / 1e6:.1f} MB  lost {sum(counters.frames_lost.values())}  "
-        + ("no stamps" if stamp is None else f"last frame at STM32 {stamp / 1e6:.6f} s")
+        f"{counters.bytes / 1e6:.1f} MB  lost {sum(counters.frames_lost.values())}  " + last_time(robot.last_frame)
     )
+
+
+def last_time(frame: Frame | None) -> str:
+    """When the last frame was taken, on the clock that says so."""
+    if frame is None:
+        return "no frame yet"
+    if frame.frame_stm32_us is not None:
+        return f"last frame at STM32 {frame.frame_stm32_us / 1e6:.6f} s"
+    if frame.nanocockpit:
+        return f"last frame at GAP8 {frame.nanocockpit.frame_gap8_us / 1e6:.6f} s"
+    return "no stamps"
 
 
 def summary_lines(summary: dict[str, Any]) -> list[str]:
@@ -123,7 +132,8 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
     lines = [
         f"port        {summary['port']}",
         f"frames      {summary['frames']} in {summary['seconds']:.2f} s"
-        + (f", {summary['fps']:.2f} fps" if summary["fps"] else ""),
+        + (f", {summary['fps']:.2f} fps" if summary["fps"] else "")
+        + (f", {summary['dialect']}" if summary["dialect"] else ""),
         f"bytes       {summary['bytes']}",
         f"lost        {lost}"
         + (f"; reconnected: {summary['reconnects']}" if summary["reconnects"] else "")

@@ -54,9 +54,10 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     add("--framing", choices=["tcp", "cpx-uart", "stamps"], help="what the bytes are (default: follows the port)")
     add(
         "--dialect",
-        choices=["auto", "stock", "native"],
+        choices=["auto", "stock", "paper", "nanocockpit", "native"],
         default="auto",
-        help="native: ask for stamped frames; stock: never ask; auto: ask once the robot has announced it (default)",
+        help="auto (default): recognise what comes, ask for native once it has announced that; native: ask at once; "
+        "stock, paper: ask for nothing; nanocockpit: answer each frame, as its own client does",
     )
     add("--count", type=positive(int), metavar="N", help="end after N frames of each robot")
     add("--duration", type=positive(float), metavar="S", help="end after S seconds of the robot's stream")

@@ -101,6 +101,7 @@ class Robot:
         return {
             "port": self.port,
             "frames": self.frames,
+            "dialect": None if self.last_frame is None else self.last_frame.dialect,
             "seconds": round(self.seconds, 3),
             "fps": None if fps is None else round(fps, 2),
             "bytes": counters.bytes,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 from typing import Any
 
@@ -14,8 +15,14 @@ from .records import (
     PAIR_DTYPE,
     Console,
     Encoding,
+    NanocockpitHeader,
+    NanocockpitStamp,
+    NanocockpitState,
     NativeHeader,
     Packet,
+    PaperHeader,
+    PaperStamp,
+    Pose,
     Reply,
     SessionCounters,
     Stamp,
@@ -30,6 +37,7 @@ FUNCTIONS = {
     "crtp": lib.CPX_CRTP,
     "wifi_ctrl": lib.CPX_WIFI_CTRL,
     "app": lib.CPX_APP,
+    "streamer": lib.CPX_STREAMER,
     "test": lib.CPX_TEST,
     "bootloader": lib.CPX_BOOTLOADER,
 }
@@ -53,6 +61,8 @@ FRAME_COUNTERS = (
 )
 STATUS_COUNTERS = tuple(name for name, _ in ffi.typeof("native_status_t").fields if name != "up_us")
 NO_STAMP_YET = 0xFFFFFFFF
+NO_ZERO = 0xFFFFFFFF
+STATE_FIELDS = tuple(name for name, _ in ffi.typeof("nanocockpit_state_t").fields)
 JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"
 
 
@@ -66,7 +76,10 @@ def fault(frame: Any, body: NDArray[np.uint8]) -> str | None:
 
     Without a CRC a JPEG is decoded to see: that finds cut and garbled files, not every flipped bit of the contents.
     """
-    if frame.native and zlib.crc32(body.data) != frame.header.body_crc32:
+    if frame.dialect == lib.DIALECT_NATIVE and zlib.crc32(body.data) != frame.header.body_crc32:
+        return "bad_crc"
+    # A computed 0 is sent as all ones: 0 means that there is none.
+    if frame.check and (zlib.crc32(body.data, frame.check_so_far) or NO_ZERO) != frame.check:
         return "bad_crc"
     if frame.type != lib.IMAGE_JPEG:
         return None
@@ -102,6 +115,42 @@ def native_header(header: Any) -> NativeHeader:
     )
 
 
+def paper_header(header: Any) -> PaperHeader:
+    """Of a paper_header_t."""
+    raw = header.pose
+    return PaperHeader(header.frame_stm32_ms, any((raw.qx, raw.qy, raw.qz, raw.qw)), pose(raw))
+
+
+def pose(raw: Any) -> Pose | None:
+    """Of a pose_t."""
+    values = (raw.x_m, raw.y_m, raw.z_m, raw.qx, raw.qy, raw.qz, raw.qw)
+    return Pose(*values) if all(map(math.isfinite, values)) and any(values[3:]) else None
+
+
+def state(raw: Any) -> NanocockpitState:
+    """Of a nanocockpit_state_t."""
+    return NanocockpitState(*(getattr(raw, name) for name in STATE_FIELDS))
+
+
+def nanocockpit_header(frame: Any) -> NanocockpitHeader:
+    """Of a stream_frame_t."""
+    metadata = frame.nanocockpit
+    inference = tuple(metadata.inference)
+    return NanocockpitHeader(
+        frame_id=metadata.frame_id,
+        checked=frame.check != 0,
+        frame_gap8_us=metadata.frame_gap8_us,
+        state_gap8_us=metadata.state_gap8_us,
+        state=state(metadata.state),
+        ranges_gap8_us=metadata.ranges_gap8_us,
+        ranges=tuple(metadata.ranges[0 : min(metadata.ranges_count, len(metadata.ranges))]),
+        reply_frame_gap8_us=metadata.reply_frame_gap8_us,
+        reply_gap8_us=metadata.reply_gap8_us,
+        inference_stm32_time=metadata.inference_stm32_time,
+        inference=inference if all(map(math.isfinite, inference)) else None,
+    )
+
+
 def packet(route: Any, data: bytes, arrival_host_ns: int) -> Console | Packet:
     """A packet that is no image and no native message."""
     if route.function == lib.CPX_CONSOLE:
@@ -133,9 +182,13 @@ def reply(data: bytes, arrival_host_ns: int) -> Reply:
     return Reply(arrival_host_ns, decoded.request, decoded.status)
 
 
-def stamp(event: Any, arrival_host_ns: int) -> Stamp:
-    """Of a stream_event_t."""
-    return Stamp(arrival_host_ns, event.stamp.sequence, event.stamp.stm32_us, event.stamp.epoch)
+def stamp(message: Any, arrival_host_ns: int) -> Stamp | PaperStamp | NanocockpitStamp:
+    """Of a uart1_message_t."""
+    if message.kind == lib.UART1_PAPER:
+        return PaperStamp(arrival_host_ns, message.paper.stm32_us, pose(message.paper.pose))
+    if message.kind == lib.UART1_NANOCOCKPIT:
+        return NanocockpitStamp(arrival_host_ns, state(message.state))
+    return Stamp(arrival_host_ns, message.stamp.sequence, message.stamp.stm32_us, message.stamp.epoch)
 
 
 def counters(stream: Any) -> SessionCounters:

@@ -1,4 +1,4 @@
-"""What the native dialect adds to a session: asking for it, and saying where missing frames went.
+"""What a dialect adds to a session: asking for native, and saying where missing frames went.
 
 Stock frames carry no number: whatever was dropped before the host leaves no trace. A native frame carries its number
 and how many frames the GAP8 gave up; the ESP32 says once a second how many it dropped. From these every number that
@@ -10,7 +10,20 @@ from __future__ import annotations
 from collections import Counter
 from typing import Literal
 
-Dialect = Literal["auto", "stock", "native"]
+from ..native import lib
+
+Dialect = Literal["auto", "stock", "paper", "nanocockpit", "native"]
+"""auto recognises all of them and transmits nothing before native is announced. stock, paper: likewise, transmits
+nothing. nanocockpit: its length rule from the first byte on, and each frame is answered, as that firmware's own client
+does."""
+
+SPOKEN: dict[int, Dialect] = {
+    lib.DIALECT_STOCK: "stock",
+    lib.DIALECT_PAPER: "paper",
+    lib.DIALECT_NANOCOCKPIT: "nanocockpit",
+    lib.DIALECT_NATIVE: "native",
+}
+"""By stream_frame_t.dialect."""
 
 REPEAT_NS = 1_000_000_000
 ASKS_MAX = 10
@@ -32,7 +45,7 @@ class Asking:
 
     def announced(self) -> None:
         """The robot sends stock frames and would send native ones."""
-        if self.dialect != "stock" and not self.wanted:
+        if self.dialect in ("auto", "native") and not self.wanted:
             self.wanted = True
             self._asked = 0
             self._next_ns = None
@@ -52,6 +65,26 @@ class Asking:
         self._asked += 1
         self._next_ns = None if now_ns is None else now_ns + REPEAT_NS
         return True
+
+
+class FrameIds:
+    """NanoCockpit: the sensor's counter has 8 bits, so a gap of 256 frames is none."""
+
+    def __init__(self) -> None:
+        self.lost: Counter[str] = Counter()
+        self._last: int | None = None
+        self._failed = 0
+
+    def failed(self) -> None:
+        """A frame began and was lost: counted where it was noticed."""
+        self._failed += 1
+
+    def came(self, frame_id: int) -> None:
+        """A good frame with this number. Nobody on the robot says why others did not come."""
+        last, self._last = self._last, frame_id
+        failed, self._failed = self._failed, 0
+        if last is not None:
+            self.lost["unexplained"] += max(0, (frame_id - last - 1) % 256 - failed)
 
 
 class FrameNumbers:

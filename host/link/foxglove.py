@@ -157,6 +157,8 @@ def _described(hint: Any) -> dict[str, Any]:
     origin = typing.get_origin(hint)
     if origin is typing.Literal:
         return {"type": "string", "enum": alternatives}
+    if origin is tuple:
+        return {"type": "array", "items": _described(alternatives[0])}
     if origin is dict:
         return {"type": "object", "additionalProperties": _described(alternatives[1])}
     if origin is np.ndarray:

@@ -7,6 +7,7 @@ time for a simulated one.
 from __future__ import annotations
 
 import io
+import math
 from dataclasses import dataclass, field, fields
 from typing import Literal
 
@@ -47,6 +48,99 @@ class NativeHeader:
     """The GAP8's counters since its boot, by their names in native_frame_t."""
 
 
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Of the robot in the world, by its own estimator: metres, unit quaternion."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+    qx: float
+    qy: float
+    qz: float
+    qw: float
+
+
+@dataclass(frozen=True, slots=True)
+class PaperHeader:
+    """What the dataset paper's firmware adds to the stock frame header (firmware/core/paper.h)."""
+
+    frame_ms: int
+    """STM32 stamp clock in ms, as the GAP8 has worked it out; while `heard` is False, the GAP8's own ticks."""
+    heard: bool
+    """The GAP8 has had a time message."""
+    pose: Pose | None
+    """At the time message, not at the frame; None when nothing was heard or the estimator gave no numbers."""
+
+
+@dataclass(frozen=True, slots=True)
+class NanocockpitState:
+    """What the STM32 knew about its motion, as NanoCockpit sends it (nanocockpit_state_t)."""
+
+    stm32_time: int
+    """FreeRTOS ticks of 1 ms, or the low 32 bits of the stamp clock in us: the wire does not say which."""
+    x_mm: int
+    y_mm: int
+    z_mm: int
+    vx_mm_s: int
+    vy_mm_s: int
+    vz_mm_s: int
+    ax_mm_s2: int
+    ay_mm_s2: int
+    az_mm_s2: int
+    quat: int
+    """A unit quaternion in 32 bits."""
+    roll_mrad_s: int
+    pitch_mrad_s: int
+    yaw_mrad_s: int
+
+    @property
+    def quaternion(self) -> tuple[float, float, float, float]:
+        """x, y, z, w; each good to 0.0007."""
+        largest, rest = self.quat >> 30, self.quat
+        values = [0.0] * 4
+        for place in (3, 2, 1, 0):
+            if place != largest:
+                size = (rest & 511) / 511 * math.sqrt(0.5)
+                values[place] = -size if rest >> 9 & 1 else size
+                rest >>= 10
+        values[largest] = math.sqrt(max(0.0, 1 - sum(value * value for value in values)))
+        x, y, z, w = values
+        return x, y, z, w
+
+
+@dataclass(frozen=True, slots=True)
+class NanocockpitHeader:
+    """NanoCockpit's image metadata, version 10 (nanocockpit_metadata_t). Its clock is the GAP8's, in 32 bits."""
+
+    frame_id: int
+    """The sensor's own counter, 8 bits."""
+    checked: bool
+    """The frame came with a CRC-32, and it matches."""
+    frame_gap8_us: int
+    """End of frame."""
+    state_gap8_us: int
+    """When `state` had come in; 0: none yet."""
+    state: NanocockpitState
+    ranges_gap8_us: int
+    """When `ranges` had come in; 0: none yet."""
+    ranges: tuple[int, ...]
+    """Of a distance sensor with 16 or 64 zones, else empty."""
+    reply_frame_gap8_us: int
+    """frame_gap8_us of the frame that the host has answered last; 0: none."""
+    reply_gap8_us: int
+    """When that answer had come in."""
+    inference_stm32_time: int
+    inference: tuple[float, ...] | None
+    """Four numbers of the network on board; None when they are none."""
+
+    @property
+    def round_trip_us(self) -> int | None:
+        """From the end of the frame that the host has answered last until its answer was back, GAP8 time; None when
+        the host does not answer."""
+        return (self.reply_gap8_us - self.reply_frame_gap8_us) % (1 << 32) if self.reply_frame_gap8_us else None
+
+
 @dataclass(slots=True)
 class Frame:
     """One complete image. `body` is the receiver's own memory: keep it as long as you like."""
@@ -62,9 +156,22 @@ class Frame:
     body: NDArray[np.uint8]
     """Shape (bytes,): pixels row by row, or a JPEG file."""
     native: NativeHeader | None = None
-    """None when the robot speaks stock: then the frame carries no time."""
+    """Of a native frame."""
     pairs: NDArray[np.void] | None = None
     """dtype PAIR_DTYPE: the stamp messages that the GAP8 reported since the frame before; native only."""
+    paper: PaperHeader | None = None
+    """Of a frame from the dataset paper's firmware."""
+    nanocockpit: NanocockpitHeader | None = None
+    """Of a frame from NanoCockpit. A frame with none of the three is stock: it carries no time."""
+
+    @property
+    def dialect(self) -> Literal["stock", "paper", "nanocockpit", "native"]:
+        """Which firmware sends such frames."""
+        if self.native:
+            return "native"
+        if self.nanocockpit:
+            return "nanocockpit"
+        return "paper" if self.paper else "stock"
 
     @property
     def pixels(self) -> NDArray[np.uint8]:
@@ -76,8 +183,11 @@ class Frame:
 
     @property
     def frame_stm32_us(self) -> int | None:
-        """Estimated STM32 time of the end of this frame, or None."""
-        return self.native.frame_stm32_us if self.native else None
+        """Estimated STM32 time of the end of this frame, or None: native and paper only. NanoCockpit leaves that to
+        whoever has many pairs of its state's two times."""
+        if self.native:
+            return self.native.frame_stm32_us
+        return self.paper.frame_ms * 1000 if self.paper and self.paper.heard else None
 
 
 def decode_jpeg(body: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
@@ -116,6 +226,24 @@ class Stamp:
     sequence: int
     stm32_us: int
     epoch: int
+
+
+@dataclass(frozen=True, slots=True)
+class PaperStamp:
+    """A time message of the dataset paper's firmware, heard on UART1."""
+
+    arrival_host_ns: int
+    stm32_us: int
+    pose: Pose | None
+    """None when the estimator gave no numbers."""
+
+
+@dataclass(frozen=True, slots=True)
+class NanocockpitStamp:
+    """A state of NanoCockpit's, heard on UART1."""
+
+    arrival_host_ns: int
+    state: NanocockpitState
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +320,20 @@ class State:
     """Why there is no connection; empty while there is one."""
 
 
-Event = Frame | LostFrame | Stamp | Console | Status | Reply | Packet | Garbage | Announced | State
+Event = (
+    Frame
+    | LostFrame
+    | Stamp
+    | PaperStamp
+    | NanocockpitStamp
+    | Console
+    | Status
+    | Reply
+    | Packet
+    | Garbage
+    | Announced
+    | State
+)
 
 
 @dataclass(slots=True)
@@ -201,7 +342,7 @@ class SessionCounters:
 
     bytes: int = 0
     packets: dict[str, int] = field(default_factory=dict)
-    """By function: system, console, crtp, wifi_ctrl, app, test, bootloader."""
+    """By function: system, console, crtp, wifi_ctrl, app, streamer, test, bootloader."""
     frames: int = 0
     frames_lost: dict[str, int] = field(default_factory=dict)
     """By cause: a key of LOSS_CAUSES. Each lost frame is in exactly one; only `unexplained` may shrink, when the
@@ -212,7 +353,7 @@ class SessionCounters:
     stray_packets: int = 0
     """Pieces of images whose frame is lost already."""
     bad_messages: int = 0
-    """Native messages that cannot be decoded."""
+    """Messages of the native dialect and of NanoCockpit that cannot be decoded."""
     renumbered: int = 0
     """Native frame numbers began anew or jumped: the GAP8 has restarted, or had taken this host for gone. What was
     lost there is not known."""
@@ -242,12 +383,12 @@ class SessionCounters:
 
 
 LOSS_CAUSES = {
-    "cut_short": "stock: the next frame began before this one was complete",
+    "cut_short": "not native: the next frame began before this one was complete",
     "overrun": "a piece reached beyond the size that the header announced",
     "missing_data": "native: pieces of it, or its header, never came",
-    "bad_crc": "native: all came, and the CRC-32 does not match",
+    "bad_crc": "native, NanoCockpit: all came, and the CRC-32 does not match",
     "bad_jpeg": "all came, and it does not start and end as a JPEG does",
-    "garbage": "stock: garbage in the middle of it",
+    "garbage": "not native: garbage in the middle of it",
     "disconnected": "the connection ended",
     "gap8_unsent": "captured and never sent, says the GAP8",
     "esp32_dropped": "dropped whole because the connection was too slow, says the ESP32",

@@ -9,11 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..native import ffi, lib
-from ..protocol.codec import encode_camera_request, encode_cpx_tcp, encode_stream_request
+from ..protocol.codec import (
+    encode_camera_request,
+    encode_cpx_tcp,
+    encode_nanocockpit,
+    encode_nanocockpit_reply,
+    encode_paper_camera,
+    encode_stream_request,
+)
 from ..protocol.errors import LocalError
 from ..protocol.packets import CameraSettings, CpxPacket, Route, StreamRequest
 from . import assemble
-from .dialects import Asking, Dialect, FrameNumbers
+from .dialects import SPOKEN, Asking, Dialect, FrameIds, FrameNumbers
 from .records import LOSS_CAUSES, PAIR_DTYPE, Announced, Event, Frame, Garbage, LostFrame, SessionCounters
 
 Framing = Literal["tcp", "cpx-uart", "stamps"]
@@ -41,9 +48,17 @@ class Session:
             raise LocalError(f"framing {framing!r}: choose {', '.join(FRAMINGS)}")
         if dialect not in get_args(Dialect):
             raise LocalError(f"dialect {dialect!r}: choose {', '.join(get_args(Dialect))}")
+        if dialect == "nanocockpit" and framing == "cpx-uart":
+            raise LocalError("nanocockpit has no CPX over UART: use its TCP port, or --framing stamps on UART1")
         self.framing = framing
+        self.dialect = dialect
+        self.spoken: Dialect | None = None
+        """What the last frame was, whole or not."""
         self._stream = ffi.new("stream_t *")
         lib.stream_init(self._stream, FRAMINGS[framing])
+        if dialect != "auto":
+            rule = lib.STREAM_NANOCOCKPIT if dialect == "nanocockpit" else lib.STREAM_CPX
+            lib.stream_set_rule(self._stream, rule)
         self._reported = [self._stream.events[i] for i in range(lib.STREAM_EVENTS)]
         self._closed = self._stream.closed
         self._body: NDArray[np.uint8] = np.empty(0, np.uint8)
@@ -51,6 +66,7 @@ class Session:
         self._first_index = self._frames = first_index
         self._lost: Counter[str] = Counter()
         self._numbers = FrameNumbers()
+        self._ids = FrameIds()
         self._asking = [Asking("stock" if framing == "stamps" else dialect) for _ in ASKED]
         self._to_send: deque[CpxPacket] = deque()
         self._heard_ns: int | None = None
@@ -93,8 +109,13 @@ class Session:
         return events
 
     def request_camera(self, settings: CameraSettings) -> None:
-        """Asks the GAP8 for these settings; a Reply says whether it took them."""
-        self.send(lib.CPX_GAP8, lib.CPX_APP, encode_camera_request(settings))
+        """Asks the GAP8 for these settings; a Reply says whether it took them. The paper's firmware has a message of
+        its own, which nothing answers."""
+        spoken = self.spoken if self.dialect == "auto" else self.dialect
+        if spoken == "nanocockpit":
+            raise LocalError("NanoCockpit takes no camera settings: they are compiled into it")
+        encode = encode_paper_camera if spoken == "paper" else encode_camera_request
+        self.send(lib.CPX_GAP8, lib.CPX_APP, encode(settings))
 
     def send(self, destination: int, function: int, data: bytes) -> None:
         """A packet from the host, after those that wait."""
@@ -113,7 +134,8 @@ class Session:
             return out
         if not self._to_send:
             return b""
-        out = b"".join(encode_cpx_tcp(packet) for packet in self._to_send)
+        encode = encode_nanocockpit if self._stream.rule == lib.STREAM_NANOCOCKPIT else encode_cpx_tcp
+        out = b"".join(encode(packet) for packet in self._to_send)
         self._to_send.clear()
         return out
 
@@ -150,7 +172,7 @@ class Session:
         """What was counted so far."""
         counters = assemble.counters(self._stream)
         counters.frames = self._frames - self._first_index
-        lost = self._lost + self._numbers.lost
+        lost = self._lost + self._numbers.lost + self._ids.lost
         counters.frames_lost = {cause: lost[cause] for cause in LOSS_CAUSES}
         counters.renumbered = self._numbers.renumbered
         counters.pairs = self._pairs_received
@@ -181,7 +203,7 @@ class Session:
         elif kind == lib.STREAM_GARBAGE:
             events.append(Garbage(arrival_host_ns, event.offset, event.size))
         elif kind == lib.STREAM_STAMP:
-            events.append(assemble.stamp(event, arrival_host_ns))
+            events.append(assemble.stamp(event.message, arrival_host_ns))
         elif kind == lib.STREAM_ANNOUNCED:
             for asking in self._asking:
                 asking.announced()
@@ -195,8 +217,8 @@ class Session:
 
     def _whole_frame(self, arrival_host_ns: int) -> Frame | LostFrame:
         closed = self._closed
-        native = closed.native
-        if native or closed.type:
+        dialect = closed.dialect
+        if dialect or closed.type:
             cause = assemble.fault(closed, self._body)
             if cause is not None:
                 return self._lost_frame(cause, arrival_host_ns)
@@ -210,29 +232,42 @@ class Session:
             self._body,
         )
         self._frames += 1
-        if not native:
+        self.spoken = SPOKEN[dialect]
+        if dialect != lib.DIALECT_NATIVE:
             self._numbers.stock_came()
-        else:
+        if dialect == lib.DIALECT_NATIVE:
             frame.native = assemble.native_header(closed.header)
             frame.pairs = self._take_pairs()
             self._asking[0].arrived()
             self._numbers.came(closed.header.frame, closed.header.frames_unsent, closed.headless)
+        elif dialect == lib.DIALECT_PAPER:
+            frame.paper = assemble.paper_header(closed.paper)
+        elif dialect == lib.DIALECT_NANOCOCKPIT:
+            frame.nanocockpit = assemble.nanocockpit_header(closed)
+            self._ids.came(closed.nanocockpit.frame_id)
+            if self.dialect == "nanocockpit" and len(self._to_send) < SEND_PACKETS:
+                reply = encode_nanocockpit_reply(closed.nanocockpit.frame_gap8_us, closed.nanocockpit.frame_id)
+                self.send(lib.CPX_GAP8, lib.CPX_STREAMER, reply)
         return frame
 
     def _lost_frame(self, cause: str, arrival_host_ns: int) -> LostFrame:
         closed = self._closed
         self._lost[cause] += 1
-        if closed.native:
+        self.spoken = SPOKEN[closed.dialect]
+        native = closed.dialect == lib.DIALECT_NATIVE
+        if native:
             self._numbers.failed()
         else:
             self._numbers.stock_came()
+        if closed.dialect == lib.DIALECT_NANOCOCKPIT:
+            self._ids.failed()
         return LostFrame(
             arrival_host_ns,
             cause,
             closed.received,
             closed.size,
             self._body,
-            closed.header.frame if closed.native else None,
+            closed.header.frame if native else None,
         )
 
     def _native_message(self, data: bytes, events: list[Event], arrival_host_ns: int) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from . import foxglove
 from .dialects import Dialect
-from .records import Event, Frame, LostFrame, Stamp
+from .records import Event, Frame, LostFrame, NanocockpitStamp, PaperStamp, Stamp
 
 Part = Literal["images", "raw"]
 """What can be left out: the images, which are in the raw bytes too, or the raw bytes, without which nothing can be
@@ -43,11 +43,19 @@ TOPICS: dict[str, tuple[str, Any]] = {
     "frame": ("spindeck.Frame", Frame),
     "lost_frame": ("spindeck.LostFrame", LostFrame),
     "stamp": ("spindeck.Stamp", Stamp),
+    "paper_stamp": ("spindeck.PaperStamp", PaperStamp),
+    "nanocockpit_stamp": ("spindeck.NanocockpitStamp", NanocockpitStamp),
     "connection": ("spindeck.Connection", Connection),
     "missing": ("spindeck.Missing", Missing),
 }
 """Of each robot: the schema, and the record that it is JSON of; else it is protobuf."""
-EVENTS: dict[type[Any], str] = {Frame: "frame", LostFrame: "lost_frame", Stamp: "stamp"}
+EVENTS: dict[type[Any], str] = {
+    Frame: "frame",
+    LostFrame: "lost_frame",
+    Stamp: "stamp",
+    PaperStamp: "paper_stamp",
+    NanocockpitStamp: "nanocockpit_stamp",
+}
 """What else a session reports can be had again from the raw bytes."""
 
 Put = Callable[["Track", str, Any, int, int], None]
@@ -126,7 +134,7 @@ class Track:
             missing.received_bytes += size if topic == "received" else 0
             missing.sent_bytes += size if topic == "sent" else 0
             missing.frames += topic == "frame"
-            missing.others += topic in ("stamp", "lost_frame", "connection")
+            missing.others += topic in ("stamp", "paper_stamp", "nanocockpit_stamp", "lost_frame", "connection")
 
     def summary(self) -> dict[str, Any]:
         """What was recorded; complete once the recorder is closed."""

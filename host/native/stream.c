@@ -4,7 +4,13 @@
 
 #include <string.h>
 
-enum { LENGTH_BYTES = 2, HEADER_BYTES = CPX_LINK_HEADER_BYTES, CHAIN = 3, NATIVE_START_BYTES = 6 };
+enum {
+    LENGTH_BYTES = 2,
+    HEADER_BYTES = CPX_LINK_HEADER_BYTES,
+    CHAIN = 3,
+    NATIVE_START_BYTES = 6,
+    BUFFER_START_BYTES = HEADER_BYTES + NANOCOCKPIT_BEGIN_BYTES + NANOCOCKPIT_METADATA_BYTES,
+};
 
 typedef enum { GO, MORE, STOP } step_t;
 typedef enum { NO, YES, UNKNOWN } verdict_t;
@@ -13,7 +19,13 @@ void stream_init(stream_t *self, uint8_t framing) {
     memset(self, 0, sizeof *self);
     self->framing = framing;
     cpx_uart_init(&self->uart, 0);
-    stamp_rx_init(&self->stamps);
+    uart1_rx_init(&self->stamps, UART1_ALL);
+    self->rule = STREAM_CPX;
+}
+
+void stream_set_rule(stream_t *self, uint8_t rule) {
+    self->rule = rule;
+    self->rule_set = true;
 }
 
 stream_event_t *stream_event(stream_t *self, uint8_t kind) {
@@ -36,31 +48,32 @@ static bool may_go_on(stream_t *self) {
         return false;
     }
     return self->event_count + STREAM_EVENTS_PER_PACKET < STREAM_EVENTS &&
-           self->data_fill + CPX_DATA_MAX <= STREAM_DATA_BYTES;
+           self->data_fill + NANOCOCKPIT_DATA_MAX <= STREAM_DATA_BYTES;
 }
 
-static size_t packet_bytes(const uint8_t *header) {
-    return LENGTH_BYTES + (size_t)load16_le(header);
+static size_t packet_bytes(uint8_t rule, const uint8_t *header) {
+    return (rule == STREAM_CPX ? LENGTH_BYTES : HEADER_BYTES) + (size_t)load16_le(header);
 }
 
 static bool addressed(uint8_t target) {
     return target >= CPX_STM32 && target <= CPX_GAP8;
 }
 
-static bool plausible(const uint8_t *header, cpx_route_t *route) {
+static bool plausible(uint8_t rule, const uint8_t *header, cpx_route_t *route) {
     const uint16_t length = load16_le(header);
+    const bool fits = rule == STREAM_CPX ? length >= CPX_ROUTE_BYTES && length <= CPX_MTU
+                                         : length >= 1 && length <= NANOCOCKPIT_DATA_MAX;
     cpx_route_decode(header + LENGTH_BYTES, route);
-    return length >= CPX_ROUTE_BYTES && length <= CPX_MTU && addressed(route->source) &&
-           addressed(route->destination);
+    return fits && addressed(route->source) && addressed(route->destination);
 }
 
-static bool known_function(uint8_t function) {
+static bool known_function(uint8_t rule, uint8_t function) {
     return (function >= CPX_SYSTEM && function <= CPX_APP) || function == CPX_TEST ||
-           function == CPX_BOOTLOADER;
+           function == CPX_BOOTLOADER || (rule == STREAM_NANOCOCKPIT && function == CPX_STREAMER);
 }
 
-static bool usual(const cpx_route_t *route) {
-    return route->version == CPX_VERSION && known_function(route->function);
+static bool usual(uint8_t rule, const cpx_route_t *route) {
+    return route->version == CPX_VERSION && known_function(rule, route->function);
 }
 
 static bool from_camera(const cpx_route_t *route) {
@@ -69,34 +82,83 @@ static bool from_camera(const cpx_route_t *route) {
 
 /// Is this packet so particular that it needs no others behind it?
 static bool unmistakable(const uint8_t *in, size_t size, const cpx_route_t *route) {
-    image_stock_t header;
-    const bytes_t data = {in + HEADER_BYTES, packet_bytes(in) - HEADER_BYTES};
+    image_stock_t stock;
+    paper_header_t paper;
+    const bytes_t data = {in + HEADER_BYTES, packet_bytes(STREAM_CPX, in) - HEADER_BYTES};
     if (!from_camera(route) || size < NATIVE_START_BYTES || data.size < 2) {
         return false;
     }
     if (data.data[0] == NATIVE_MAGIC) {
         return data.data[1] >= NATIVE_FRAME && data.data[1] <= NATIVE_REPLY;
     }
-    return size >= HEADER_BYTES + data.size && image_stock_decode(data, &header) > 0;
+    return size >= HEADER_BYTES + data.size &&
+           (image_stock_decode(data, &stock) > 0 || paper_header_decode(data, &paper) > 0);
 }
 
 /// Does a run of packets start here?
-static verdict_t starts(const uint8_t *in, size_t size) {
+static verdict_t starts_cpx(const uint8_t *in, size_t size) {
     size_t at = 0;
     for (int i = 0; i < CHAIN; i++) {
         cpx_route_t route;
         if (size < at + HEADER_BYTES) {
             return UNKNOWN;
         }
-        if (!plausible(in + at, &route) || !usual(&route)) {
+        if (!plausible(STREAM_CPX, in + at, &route) || !usual(STREAM_CPX, &route)) {
             return NO;
         }
         if (i == 0 && unmistakable(in, size, &route)) {
             return YES;
         }
-        at += packet_bytes(in + at);
+        at += packet_bytes(STREAM_CPX, in + at);
     }
     return YES;
+}
+
+/// Does one of NanoCockpit's image buffers start here?
+static verdict_t starts_buffer(const uint8_t *in, size_t size) {
+    static const uint8_t start[] = {NANOCOCKPIT_BEGIN, NANOCOCKPIT_IMAGE};
+    nanocockpit_begin_t begin;
+    nanocockpit_metadata_t metadata;
+    cpx_route_t route;
+    if (size < HEADER_BYTES) {
+        return UNKNOWN;
+    }
+    const size_t packet = packet_bytes(STREAM_NANOCOCKPIT, in);
+    if (!plausible(STREAM_NANOCOCKPIT, in, &route) || !usual(STREAM_NANOCOCKPIT, &route) ||
+        !frames_is_buffer(&route) || packet < BUFFER_START_BYTES) {
+        return NO;
+    }
+    for (size_t i = 0; i < sizeof start && HEADER_BYTES + i < size; i++) {
+        if (in[HEADER_BYTES + i] != start[i]) {
+            return NO;
+        }
+    }
+    if (size < BUFFER_START_BYTES) {
+        return UNKNOWN;
+    }
+    const bytes_t data = {in + HEADER_BYTES, BUFFER_START_BYTES - HEADER_BYTES};
+    return frames_buffer_image(data, &begin, &metadata) ? YES : NO;
+}
+
+/// Does a stream start here, by a rule that is allowed? Then the rule is the one that it follows.
+static verdict_t starts(stream_t *self, const uint8_t *in, size_t size, bool ended) {
+    if (self->rule == STREAM_NANOCOCKPIT || !self->rule_set) {
+        const verdict_t verdict = starts_buffer(in, size);
+        if (verdict == YES) {
+            self->rule = STREAM_NANOCOCKPIT;
+        }
+        if (verdict == YES || (verdict == UNKNOWN && !ended)) {
+            return verdict;
+        }
+    }
+    if (self->rule == STREAM_NANOCOCKPIT && self->rule_set) {
+        return NO;
+    }
+    const verdict_t verdict = starts_cpx(in, size);
+    if (verdict == YES) {
+        self->rule = STREAM_CPX;
+    }
+    return verdict;
 }
 
 static void report_garbage(stream_t *self, uint64_t from, uint64_t to) {
@@ -116,14 +178,14 @@ static void begin_hunt(stream_t *self, uint8_t cause) {
     self->garbage_from = self->base + self->at;
     self->at = self->last + 1;
     self->last = self->at;
-    if (self->in_frame && !self->open.native) {
+    if (self->in_frame && self->open.dialect != DIALECT_NATIVE) {
         frames_lose(self, cause);
     }
 }
 
 static step_t hunt(stream_t *self, bytes_t in, bool ended) {
     while (self->at < in.size) {
-        const verdict_t verdict = starts(in.data + self->at, in.size - self->at);
+        const verdict_t verdict = starts(self, in.data + self->at, in.size - self->at, ended);
         if (verdict == UNKNOWN && !ended) {
             return MORE;
         }
@@ -145,6 +207,11 @@ static step_t hunt(stream_t *self, bytes_t in, bool ended) {
     return MORE;
 }
 
+/// Before the rule is set, a packet of NanoCockpit's may stand where one of CPX is due.
+static verdict_t changes_rule(const stream_t *self, const uint8_t *here, size_t left) {
+    return self->rule == STREAM_CPX && !self->rule_set && !self->begin_waits ? starts_buffer(here, left) : NO;
+}
+
 /// Judges what lies at self->at.
 static step_t step_tcp(stream_t *self, bytes_t in, bool ended) {
     if (!may_go_on(self)) {
@@ -164,28 +231,36 @@ static step_t step_tcp(stream_t *self, bytes_t in, bool ended) {
         begin_hunt(self, LOST_DISCONNECTED);
         return GO;
     }
-    const bool believed = plausible(here, &route);
-    const size_t size = packet_bytes(here);
-    if (believed && !ended && left < size + (usual(&route) ? 0 : HEADER_BYTES)) {
+    const verdict_t changes = changes_rule(self, here, left);
+    if (changes == UNKNOWN && !ended) {
+        return MORE;
+    }
+    if (changes == YES) {
+        self->rule = STREAM_NANOCOCKPIT;
+    }
+    const bool believed = plausible(self->rule, here, &route);
+    const bool is_usual = usual(self->rule, &route);
+    const size_t size = packet_bytes(self->rule, here);
+    if (believed && !ended && left < size + (is_usual ? 0 : HEADER_BYTES)) {
         return MORE;
     }
     if (!believed || left < size ||
-        (!usual(&route) && left >= size + HEADER_BYTES && !plausible(here + size, &behind))) {
+        (!is_usual && left >= size + HEADER_BYTES && !plausible(self->rule, here + size, &behind))) {
         begin_hunt(self, ended && believed ? LOST_DISCONNECTED : LOST_GARBAGE);
+        return GO;
+    }
+    const cpx_packet_t packet = {route, {here + HEADER_BYTES, size - HEADER_BYTES}};
+    if (is_usual && !frames_packet(self, &packet, self->base + self->at)) {
         return GO;
     }
     self->last = self->at;
     self->at += size;
-    if (route.version != CPX_VERSION) {
+    if (self->doubtful) {
+        begin_hunt(self, LOST_GARBAGE);
+    } else if (route.version != CPX_VERSION) {
         self->bad_version++;
-    } else if (!known_function(route.function)) {
+    } else if (!is_usual) {
         self->unknown_function++;
-    } else {
-        const cpx_packet_t packet = {route, {here + HEADER_BYTES, size - HEADER_BYTES}};
-        frames_packet(self, &packet, self->base + self->last);
-        if (self->doubtful) {
-            begin_hunt(self, LOST_GARBAGE);
-        }
     }
     return GO;
 }
@@ -265,18 +340,30 @@ static bool push_uart(stream_t *self, bytes_t in, uint64_t now_us) {
     return false;
 }
 
+/// The next message in what has been put in. False: none.
+static bool hear(stream_t *self) {
+    uart1_message_t message = {0};
+    const bool found = uart1_rx_take(&self->stamps, &message);
+    const uint64_t start = self->base + self->at - self->stamps.fill - (found ? message.size : 0);
+    report_line_garbage(self, self->stamps.garbage_bytes, start, found);
+    if (found && (message.kind != UART1_NANOCOCKPIT || message.size == NANOCOCKPIT_STATE_BYTES)) {
+        stream_event(self, STREAM_STAMP)->message = message;
+    }
+    return found;
+}
+
 static bool push_stamps(stream_t *self, bytes_t in) {
-    for (; self->at < in.size; self->at++) {
+    for (;;) {
         if (!may_go_on(self)) {
             return true;
         }
-        stamp_t stamp;
-        const bool found = stamp_rx(&self->stamps, in.data[self->at], &stamp);
-        const uint64_t start = self->base + self->at + 1 - (found ? STAMP_BYTES : self->stamps.fill);
-        report_line_garbage(self, self->stamps.garbage_bytes, start, found);
-        if (found) {
-            stream_event(self, STREAM_STAMP)->stamp = stamp;
+        if (hear(self)) {
+            continue;
         }
+        if (self->at == in.size) {
+            break;
+        }
+        uart1_rx_put(&self->stamps, in.data[self->at++]);
     }
     self->base += in.size;
     self->at = 0;

@@ -14,18 +14,27 @@
 #include "../../firmware/core/cpx_link.h"
 #include "../../firmware/core/cpx_uart.h"
 #include "../../firmware/core/image.h"
+#include "../../firmware/core/nanocockpit.h"
+#include "../../firmware/core/paper.h"
+#include "../../firmware/core/uart1.h"
 
 /// How packets are framed.
 enum { STREAM_TCP = 0, STREAM_CPX_UART = 1, STREAM_STAMPS = 2 };
 
 enum {
-    STREAM_LOOKAHEAD = 2052,    ///< two packets and a header: no decision looks further
-    STREAM_WINDOW_BYTES = 4104, ///< twice that: what reads have cut, put together again
-    STREAM_EVENTS = 32,         ///< reported by one call
-    STREAM_DATA_BYTES = 8192,   ///< packet data reported by one call
-    STREAM_GARBAGE_MAX = 65536, ///< garbage is reported at least this often
-    STREAM_FUNCTIONS = 16,      ///< packets are counted by function up to here
+    STREAM_LOOKAHEAD = 8188,     ///< two packets and a header: no decision looks further
+    STREAM_WINDOW_BYTES = 16376, ///< twice that: what reads have cut, put together again
+    STREAM_EVENTS = 32,          ///< reported by one call
+    STREAM_DATA_BYTES = 8192,    ///< packet data reported by one call
+    STREAM_GARBAGE_MAX = 65536,  ///< garbage is reported at least this often
+    STREAM_FUNCTIONS = 16,       ///< packets are counted by function up to here
 };
+
+/// How the length of a packet counts, on TCP: with its route or without.
+enum { STREAM_CPX = 1, STREAM_NANOCOCKPIT = 2 };
+
+/// stream_frame_t.dialect
+enum { DIALECT_STOCK = 0, DIALECT_NATIVE = 1, DIALECT_PAPER = 2, DIALECT_NANOCOCKPIT = 3 };
 
 /// stream_event_t.kind
 enum {
@@ -42,25 +51,26 @@ enum {
 
 /// stream_event_t.cause
 enum {
-    LOST_CUT_SHORT = 1,    ///< stock: the next frame began before this one was complete
+    LOST_CUT_SHORT = 1,    ///< not native: the next frame began before this one was complete
     LOST_OVERRUN = 2,      ///< a piece reaches beyond the announced size
     LOST_MISSING_DATA = 3, ///< native: pieces did not come
-    LOST_GARBAGE = 4, ///< stock: garbage in the middle of it; nothing says how much of the body that cost
+    LOST_GARBAGE =
+        4, ///< not native: garbage in the middle of it; nothing says how much of the body that cost
     LOST_DISCONNECTED = 5, ///< the stream ended
 };
 
 typedef struct {
     uint8_t kind;
     uint8_t cause;
-    cpx_route_t route; ///< of a packet or native message
-    uint64_t offset;   ///< in the stream: of a packet's header, or of the first byte of garbage
-    uint32_t size;     ///< bytes of data, of garbage, of the body needed
-    uint32_t data_at;  ///< data of a packet or native message: stream_t.data[data_at]
-    stamp_t stamp;
+    cpx_route_t route;       ///< of a packet or native message
+    uint64_t offset;         ///< in the stream: of a packet's header, or of the first byte of garbage
+    uint32_t size;           ///< bytes of data, of garbage, of the body needed
+    uint32_t data_at;        ///< data of a packet or native message: stream_t.data[data_at]
+    uart1_message_t message; ///< STREAM_STAMP
 } stream_event_t;
 
 typedef struct {
-    bool native;
+    uint8_t dialect;
     uint16_t width;
     uint16_t height;
     uint8_t depth;
@@ -69,6 +79,10 @@ typedef struct {
     uint32_t received;     ///< bytes of the body
     uint32_t headless;     ///< native: stream_t.headless_frames when it closed
     native_frame_t header; ///< native only
+    paper_header_t paper;  ///< paper only
+    nanocockpit_metadata_t nanocockpit;
+    uint32_t check;        ///< NanoCockpit: of the whole buffer, 0: none
+    uint32_t check_so_far; ///< NanoCockpit: CRC-32 of what stands before the pixels
 } stream_frame_t;
 
 /// The caller's. Events, data and `closed` are valid until the next call.
@@ -87,11 +101,14 @@ typedef struct {
     bool strays;    ///< a stock frame was lost: what follows, until a header, is the rest of it
     bool doubtful;  ///< the packet just taken contradicts what was announced: its length may be wrong
     bool announced;
-    bool resuming;  ///< the last call returned true
-    bool in_window; ///< `at` and `last` are places in the window, not in the caller's bytes
-    bool hunting;   ///< for a place to start again
-    size_t at;      ///< what is judged next
-    size_t last;    ///< start of the packet before it
+    bool begin_waits; ///< the packet at `at` has begun `open` and was not used up
+    uint8_t rule;     ///< STREAM_CPX or STREAM_NANOCOCKPIT
+    bool rule_set;    ///< and stays so
+    bool resuming;    ///< the last call returned true
+    bool in_window;   ///< `at` and `last` are places in the window, not in the caller's bytes
+    bool hunting;     ///< for a place to start again
+    size_t at;        ///< what is judged next
+    size_t last;      ///< start of the packet before it
     size_t window_fill;
     size_t window_old;     ///< bytes of the window that came in an earlier call
     uint64_t base;         ///< place in the stream of window[0], or of the caller's first byte
@@ -105,7 +122,7 @@ typedef struct {
     bool has_stray_frame;
     cpx_uart_t uart;
     uint32_t line_garbage; ///< reported so far; not TCP
-    stamp_rx_t stamps;
+    uart1_rx_t stamps;
     uint64_t bytes;
     uint64_t packets[STREAM_FUNCTIONS];
     uint64_t bad_version;
@@ -117,6 +134,9 @@ typedef struct {
 } stream_t;
 
 void stream_init(stream_t *self, uint8_t framing);
+
+/// Before the first bytes: the length rule is known. Otherwise it is recognised.
+void stream_set_rule(stream_t *self, uint8_t rule);
 
 /// Takes `size` bytes. True: there is more in them; look at the events, give the memory asked for, and call
 /// again with the same bytes. False: all are taken, look at the events. `now_us` only serves CPX over UART:

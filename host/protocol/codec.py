@@ -31,6 +31,7 @@ RANGES = {
         "exposure_lines": "2..65535",
         "frame_period_us": "0..10000000",
     },
+    "paper_camera_t": {"exposure_lines": "2..532", "frame_period_us": "0: the paper's firmware has no frame rate"},
 }
 """What a caller is told about a field; the C judges."""
 
@@ -88,6 +89,41 @@ def encode_camera_request(settings: CameraSettings) -> bytes:
     return bytes(out)
 
 
+def encode_paper_camera(settings: CameraSettings) -> bytes:
+    """Likewise, for the dataset paper's firmware. Nothing answers it."""
+    encode_camera_request(settings)  # judges what both have in common
+    values = {name: getattr(settings, name) for name in RANGES["native_camera_t"]}
+    if settings.exposure_lines > lib.PAPER_CAMERA_LINES_MAX:
+        raise _refusal("paper_camera_t", "exposure_lines", values)
+    if settings.frame_period_us:
+        raise _refusal("paper_camera_t", "frame_period_us", values)
+    del values["frame_period_us"]
+    values["encoding"] = ENCODINGS[settings.encoding]
+    out = ffi.new("uint8_t[]", lib.PAPER_CAMERA_BYTES)
+    lib.paper_camera_encode(_fill("paper_camera_t", values), out)
+    return bytes(out)
+
+
+def encode_nanocockpit(packet: CpxPacket) -> bytes:
+    """For NanoCockpit's TCP connection: the length leaves out the route."""
+    if len(packet.data) > lib.NANOCOCKPIT_DATA_MAX:
+        raise LocalError(f"{len(packet.data)} bytes of data: at most {lib.NANOCOCKPIT_DATA_MAX} fit")
+    head = ffi.new("uint8_t[4]")
+    lib.nanocockpit_link_header(_route(packet.route), len(packet.data), head)
+    return bytes(head) + packet.data
+
+
+def encode_nanocockpit_reply(frame_gap8_us: int, frame_id: int) -> bytes:
+    """Data of a CPX_STREAMER packet to CPX_GAP8: this frame has come."""
+    reply = ffi.new("uint8_t[]", lib.NANOCOCKPIT_REPLY_BYTES)
+    lib.nanocockpit_reply_encode(ffi.new("nanocockpit_reply_t *", (frame_gap8_us, frame_id)), reply)
+    check = lib.nanocockpit_check(0, (reply, len(reply)))
+    begin = ffi.new("nanocockpit_begin_t *", (lib.NANOCOCKPIT_INFERENCE, len(reply), check))
+    head = ffi.new("uint8_t[]", lib.NANOCOCKPIT_BEGIN_BYTES)
+    lib.nanocockpit_begin_encode(begin, head)
+    return bytes(head) + bytes(reply)
+
+
 def _view(data: bytes, offset: int) -> Any:
     """A bytes_t of data[offset:]. The C reads it within the call and keeps nothing."""
     if not 0 <= offset <= len(data):
@@ -110,15 +146,21 @@ def _fill(struct: str, values: dict[str, Any]) -> Any:
     return made
 
 
-def _encode_cpx(packet: CpxPacket, encode: Any, data_max: int, frame_max: int) -> bytes:
-    values = {name: getattr(packet.route, name) for name in RANGES["cpx_route_t"]}
-    route = _fill("cpx_route_t", values)
+def _route(route: Route) -> Any:
+    """A cpx_route_t. LocalError for a field that does not fit its bits."""
+    values = {name: getattr(route, name) for name in RANGES["cpx_route_t"]}
+    made = _fill("cpx_route_t", values)
     wire = ffi.new("uint8_t[2]")
-    lib.cpx_route_encode(route, wire)
-    lib.cpx_route_decode(wire, route)
+    lib.cpx_route_encode(made, wire)
+    lib.cpx_route_decode(wire, made)
     for name, value in values.items():
-        if getattr(route, name) != value:  # its bits are fewer than its byte's
+        if getattr(made, name) != value:  # its bits are fewer than its byte's
             raise _refusal("cpx_route_t", name, values)
+    return made
+
+
+def _encode_cpx(packet: CpxPacket, encode: Any, data_max: int, frame_max: int) -> bytes:
+    route = _route(packet.route)
     data = ffi.from_buffer("uint8_t[]", packet.data)
     out = ffi.new("uint8_t[]", frame_max)
     size = encode(ffi.new("cpx_packet_t *", (route[0], (data, len(data)))), (out, frame_max))

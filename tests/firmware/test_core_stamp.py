@@ -62,15 +62,17 @@ def test_refusals_leave_the_stamp_alone(poison: int) -> None:
 
 class Rx:
     def __init__(self) -> None:
-        self.state = ffi.new("stamp_rx_t *")
-        lib.stamp_rx_init(self.state)
+        self.state = ffi.new("uart1_rx_t *")
+        lib.uart1_rx_init(self.state, lib.UART1_STAMP)
         self.stamps: list[tuple[int, int, int]] = []
 
     def take(self, data: bytes) -> None:
-        stamp = ffi.new("stamp_t *")
+        message = ffi.new("uart1_message_t *")
         for byte in data:
-            if lib.stamp_rx(self.state, byte, stamp):
-                self.stamps.append(fields(stamp))
+            lib.uart1_rx_put(self.state, byte)
+            if lib.uart1_rx_take(self.state, message):
+                self.stamps.append(fields(message.stamp))
+                assert not lib.uart1_rx_take(self.state, message)
 
 
 def test_a_clean_stream() -> None:

@@ -2,7 +2,7 @@
 /// message, garbage, or waiting, and each message found is really there.
 #include "claim.h"
 
-#include "firmware/core/stamp.h"
+#include "firmware/core/uart1.h"
 
 static void decode(const uint8_t *data, size_t size) {
     stamp_t stamp;
@@ -18,13 +18,14 @@ static void decode(const uint8_t *data, size_t size) {
 }
 
 static void search(const uint8_t *data, size_t size) {
-    stamp_rx_t rx;
-    stamp_t stamp;
-    stamp_rx_init(&rx);
+    uart1_rx_t rx;
+    uart1_message_t message;
+    uart1_rx_init(&rx, UART1_STAMP);
     for (size_t i = 0; i < size; i++) {
-        if (stamp_rx(&rx, data[i], &stamp)) {
+        uart1_rx_put(&rx, data[i]);
+        if (uart1_rx_take(&rx, &message)) {
             uint8_t out[STAMP_BYTES];
-            stamp_encode(&stamp, out);
+            stamp_encode(&message.stamp, out);
             CLAIM(memcmp(out, data + i + 1 - STAMP_BYTES, STAMP_BYTES) == 0);
         }
         CLAIM(rx.fill < STAMP_BYTES);

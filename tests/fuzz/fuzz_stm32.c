@@ -3,6 +3,7 @@
 #include "claim.h"
 #include "input.h"
 
+#include "firmware/core/uart1.h"
 #include "firmware/stm32/app.h"
 
 enum { SENT_AT_ONCE_MAX = 1000 };
@@ -10,16 +11,17 @@ enum { SENT_AT_ONCE_MAX = 1000 };
 typedef struct {
     stm32_t app;
     instant_t now;
-    stamp_rx_t gap8;
+    uart1_rx_t gap8;
     uint32_t sequence;
     cpx_uart_t esp32;
 } bench_t;
 
 static void hear_stamp(bench_t *self, uint8_t byte) {
-    stamp_t stamp;
-    if (stamp_rx(&self->gap8, byte, &stamp)) {
-        CLAIM(stamp.sequence == self->sequence++);
-        CLAIM(stamp.epoch == self->app.epoch);
+    uart1_message_t message;
+    uart1_rx_put(&self->gap8, byte);
+    if (uart1_rx_take(&self->gap8, &message)) {
+        CLAIM(message.stamp.sequence == self->sequence++);
+        CLAIM(message.stamp.epoch == self->app.epoch);
     }
     CLAIM(self->gap8.garbage_bytes == 0);
 }
@@ -77,7 +79,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     }
     bytes_t input = {data, size};
     memset(&bench, 0, sizeof bench);
-    stamp_rx_init(&bench.gap8);
+    uart1_rx_init(&bench.gap8, UART1_STAMP);
     cpx_uart_init(&bench.esp32, 0);
     const stm32_config_t config = make_config(&input);
     if (stm32_init(&bench.app, &config, bench.now) < 0) {

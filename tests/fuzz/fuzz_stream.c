@@ -59,8 +59,10 @@ static void look(reader_t *self) {
             note(self, stream->data + event->data_at, event->size);
             break;
         case STREAM_STAMP:
-            note(self, &event->stamp.sequence, sizeof event->stamp.sequence);
-            note(self, &event->stamp.stm32_us, sizeof event->stamp.stm32_us);
+            note(self, &event->message.stamp.sequence, sizeof event->message.stamp.sequence);
+            note(self, &event->message.stamp.stm32_us, sizeof event->message.stamp.stm32_us);
+            note(self, &event->message.paper.stm32_us, sizeof event->message.paper.stm32_us);
+            note(self, &event->message.state.stm32_time, sizeof event->message.state.stm32_time);
             break;
         default:
             CLAIM(event->kind == STREAM_ANNOUNCED);

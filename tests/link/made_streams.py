@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
+import operator
 import struct
 import zlib
 from collections.abc import Iterable
@@ -12,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from host.link.records import Event, Frame, LostFrame
-from host.link.session import Framing, Session
+from host.link.session import Dialect, Framing, Session
 
 GAP8_TO_HOST_APP = bytes([0x63, 0x05])
 GAP8_TO_HOST_CONSOLE = bytes([0x63, 0x02])
 ANNOUNCING = bytes([0xE3, 0x05])
 ESP32_TO_HOST_APP = bytes([0x53, 0x05])
+GAP8_TO_HOST_STREAMER = bytes([0x63, 0x06])
 
 
 def packet(data: bytes, route: bytes = GAP8_TO_HOST_APP) -> bytes:
@@ -97,11 +100,75 @@ def uart_pieces(tcp_packet: bytes) -> list[bytes]:
     return [uart(data[at : at + 98], route if at + 98 >= len(data) else middle) for at in starts]
 
 
+POSE = (0.5, -1.25, 1.0, 0.0, 0.0, 0.5, 0.75)
+
+
+def paper(
+    body: bytes,
+    width: int,
+    height: int,
+    frame_ms: int,
+    pose: tuple[float, ...] = POSE,
+    kind: int = 0,
+    piece: int = 1020,
+) -> list[bytes]:
+    """The packets of one frame from the paper's firmware."""
+    header = struct.pack("<BHHBBII7f", 0xBC, width, height, 1, kind, len(body), frame_ms, *pose)
+    return [packet(header), *(packet(body[at : at + piece]) for at in range(0, len(body), piece))]
+
+
+def paper_stamp(stm32_us: int, pose: tuple[float, ...] = POSE) -> bytes:
+    payload = struct.pack("<BQ7f", 1, stm32_us, *pose)
+    return b"\xbc\x25" + payload + bytes([functools.reduce(operator.xor, payload)])
+
+
+def nanocockpit_packet(data: bytes, route: bytes = GAP8_TO_HOST_STREAMER) -> bytes:
+    """Its length leaves out the route."""
+    return struct.pack("<H", len(data)) + route + data
+
+
+STATE = struct.pack("<I9hI3h", 7000, 500, -1250, 1000, 1, 2, 3, 4, 5, 6, 0xC0000000, 7, 8, 9)
+"""Ticks, position, velocity, acceleration, no rotation, rates."""
+
+
+def state_message(state: bytes = STATE) -> bytes:
+    return b"!STA" + state + struct.pack("<I", zlib.crc32(b"!STA" + state))
+
+
+def nanocockpit(
+    body: bytes,
+    width: int,
+    height: int,
+    frame_id: int,
+    *,
+    check: int | None = None,
+    piece: int = 4088,
+    gap8_us: int = 5000,
+    reply: tuple[int, int] = (0, 0),
+    state: bytes = STATE,
+) -> list[bytes]:
+    """The packets of one image buffer, each of `piece` bytes of data; `check` as sent, by default the right one."""
+    metadata = struct.pack("<BHHBBBII", 10, width, height, 1, 0, frame_id, gap8_us, 4000) + state
+    metadata += struct.pack("<IB3x64B", 0, 0, *bytes(64)) + struct.pack("<III4f", *reply, 0, 0, 0, 0, 0)
+    buffer = metadata + body
+    check = (zlib.crc32(buffer) or 0xFFFFFFFF) if check is None else check
+    padded = buffer + bytes(-len(buffer) % 4)
+    first = piece - 12
+    packets = [nanocockpit_packet(struct.pack("<BBII2x", 0x10, 1, len(buffer), check) + padded[:first])]
+    for at in range(first, len(padded), piece - 4):
+        packets.append(nanocockpit_packet(b"\x11\0\0\0" + padded[at : at + piece - 4]))
+    return packets
+
+
 def received(
-    stream: bytes, cuts: Iterable[int] = (), framing: Framing = "tcp", finish: bool = True
+    stream: bytes,
+    cuts: Iterable[int] = (),
+    framing: Framing = "tcp",
+    finish: bool = True,
+    dialect: Dialect = "stock",
 ) -> tuple[list[Event], Session]:
     """Everything that a session makes of a stream that comes in pieces."""
-    session = Session(framing, "stock")
+    session = Session(framing, dialect)
     events: list[Event] = []
     places = [0, *cuts, len(stream)]
     for start, end in itertools.pairwise(places):

@@ -278,7 +278,7 @@ def test_a_tap_cannot_send() -> None:
     assert Session("stamps", "native").data_to_send() == b""
 
 
-@pytest.mark.parametrize(("framing", "dialect"), [("udp", "auto"), ("tcp", "paper")])
+@pytest.mark.parametrize(("framing", "dialect"), [("udp", "auto"), ("tcp", "morse")])
 def test_unknown_words_are_refused(framing: Any, dialect: Any) -> None:
     with pytest.raises(LocalError, match="choose"):
         Session(framing, dialect)

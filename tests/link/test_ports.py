@@ -255,7 +255,7 @@ def refused_port() -> int:
         ("sim://no-such-scenario", {}, "hover"),
         ("sim://hover", {"framing": "stamps"}, "carries tcp"),
         ("sim://hover", {"framing": "udp"}, "choose"),
-        ("sim://hover", {"dialect": "paper"}, "choose"),
+        ("sim://hover", {"dialect": "morse"}, "choose"),
         ("sim://hover", {"timeout": 0}, "timeout"),
         ("sim://hover", {"camera": "/no/such/folder"}, "/no/such/folder"),
         ("/dev/ttyUSB0", {"camera": "x"}, "simulated"),

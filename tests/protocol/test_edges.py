@@ -3,7 +3,17 @@
 from collections.abc import Iterator
 
 import pytest
-from wire_formats import BY_NAME, decode, encode, repair_frame, repair_pairs, repair_status, repair_uart
+from wire_formats import (
+    BY_NAME,
+    decode,
+    encode,
+    repair_frame,
+    repair_pairs,
+    repair_paper,
+    repair_state,
+    repair_status,
+    repair_uart,
+)
 
 Case = tuple[str, bytes, bool]
 MEGABYTE = 1 << 20
@@ -14,6 +24,8 @@ def pictures(name: str, encoding: str, size: str) -> Iterator[Case]:
 
     def case(accepted: bool, kind: int, width: int, height: int, depth: int, body: int) -> Case:
         picture = {"width": width, "height": height, "depth": depth, encoding: kind, size: body}
+        if name == "paper header":
+            picture |= dict.fromkeys(("frame_stm32_ms", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"), 0)
         return name, encode(BY_NAME[name], picture, 0), accepted
 
     for side, accepted in ((0, False), (1, True), (1024, True), (1025, False)):
@@ -77,6 +89,41 @@ def cases() -> Iterator[Case]:
     for length, accepted in ((0, True), (1, False), (2, True), (1022, True), (1023, False), (65535, False)):
         yield "CPX over TCP and SPI", length.to_bytes(2, "little") + bytes(65535), accepted
     yield from starts("stamp message", bytes.fromhex("d52a40e2010074f3c8f4e5000000036f5d"), 17)
+    yield from dialects()
+
+
+def dialects() -> Iterator[Case]:
+    yield from pictures("paper header", "type", "size")
+    header = bytes.fromhex("bc4401f4000100d0340100") + bytes(32)
+    yield from starts("paper header", header, 1)
+    for cut, accepted in ((1, False), (0, True)):
+        yield "paper header", header[: len(header) - cut], accepted
+    yield "paper header", header + b"\0", False
+    yield from starts("paper stamp", repair_paper(bytes.fromhex("bc2501") + bytes(37)), 40)
+    yield "paper stamp", bytes.fromhex("bc2501") + bytes(36) + b"\x02", False
+    for size, accepted in ((7, False), (8, True), (9, False)):
+        yield "paper camera", bytes(size), accepted
+    yield "paper camera", b"\1" + bytes(7), False
+
+    yield from starts("nanocockpit state", repair_state(b"!STA" + bytes(36)), 40)
+    for sign in (b"!RNG", b"!TOF", b"!STB"):
+        yield "nanocockpit state", sign + bytes(90), False
+    for length, accepted in ((0, True), (1, True), (4088, True), (4089, False), (65535, False)):
+        yield "nanocockpit frame", length.to_bytes(2, "little") + bytes(65537), accepted
+    yield from starts("nanocockpit begin", b"\x10" + bytes(11), 1)
+    metadata = bytes.fromhex("0a 0600 0400 01 00") + bytes(141)
+    yield from starts("nanocockpit metadata", metadata, 1)
+    for place, value, accepted in (
+        *((1, side, ok) for side, ok in ((0, False), (1, True), (1024, True), (1025, False))),
+        *((3, side, ok) for side, ok in ((0, False), (1, True), (1024, True), (1025, False))),
+        *((5, depth, ok) for depth, ok in ((0, False), (1, True), (4, True), (5, False))),
+        *((6, format_, ok) for format_, ok in ((0, True), (1, False))),
+    ):
+        wide = 2 if place < 5 else 1
+        changed = metadata[:place] + value.to_bytes(wide, "little") + metadata[place + wide :]
+        yield "nanocockpit metadata", changed, accepted
+    for size, accepted in ((24, False), (25, True), (26, False)):
+        yield "nanocockpit reply", bytes(size), accepted
 
 
 @pytest.mark.parametrize("name", BY_NAME)

@@ -1,7 +1,10 @@
 """What is not a layout: constants, ranges, buffers that are too small, and the documentation."""
 
+import math
+import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import pytest
@@ -9,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wire_formats import BY_NAME, any_values, new_packet
 
+from host.link.records import NanocockpitState
 from host.native import ffi, lib
-from host.protocol.spec import cpx, cpx_link, native, stamp, tables
+from host.protocol.spec import cpx, cpx_link, nanocockpit, native, paper, stamp, tables
 from host.protocol.spec.values import Value
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -29,6 +33,11 @@ def test_sizes_agree() -> None:
     assert native.PAIR.sizeof() == lib.NATIVE_PAIR_BYTES
     for name in ("REPLY", "STREAM", "CAMERA", "STATUS"):
         assert getattr(native, name).sizeof() == getattr(lib, f"NATIVE_{name}_BYTES")
+    assert paper.STAMP.sizeof() == lib.PAPER_STAMP_BYTES
+    for name in ("BEGIN", "MORE", "METADATA"):
+        assert getattr(nanocockpit, name).sizeof() == getattr(lib, f"NANOCOCKPIT_{name}_BYTES")
+    for name in ("STATE", "NOISE", "RANGES"):
+        assert getattr(nanocockpit, f"{name}_MESSAGE").sizeof() == getattr(lib, f"NANOCOCKPIT_{name}_BYTES")
 
 
 def test_routers_forward_alike() -> None:
@@ -58,6 +67,74 @@ def test_spi_windows_agree(master_size: int, slave_size: int) -> None:
     assert window == cpx_link.window_bytes(master_size, slave_size)
     assert window % 4 == 0
     assert max(master_size, slave_size, 8) <= window < max(master_size, slave_size, 8) + 4
+
+
+UNIT = st.tuples(*[st.floats(-1, 1, width=32)] * 4).filter(lambda q: sum(x * x for x in q) > 0.01)
+
+
+@given(UNIT)
+@seeded
+def test_packed_quaternions_agree(raw: tuple[float, ...]) -> None:
+    """The same bits, and the same rotation to within half a step of each component."""
+    size = math.sqrt(sum(x * x for x in raw))
+    unit = struct.unpack("4f", struct.pack("4f", *(x / size for x in raw)))
+    packed = lib.nanocockpit_quat(unit)
+    near = [abs(abs(x) * 511 * math.sqrt(2) % 1 - 0.5) for x in unit]
+    if min(near) > 1e-3 and len({abs(x) for x in unit}) == 4:  # no rounding, no tie on the edge
+        assert packed == nanocockpit.quat(unit)
+    found = NanocockpitState(0, *[0] * 9, packed, 0, 0, 0).quaternion
+    sign = 1 if sum(a * b for a, b in zip(found, unit, strict=True)) > 0 else -1
+    assert max(abs(a - sign * b) for a, b in zip(found, unit, strict=True)) < 0.0031
+    assert sum(x * x for x in found) == pytest.approx(1)
+
+
+def test_a_quaternion_that_is_none_still_packs() -> None:
+    for raw in ((0, 0, 0, 0), (math.nan,) * 4, (math.inf, 1, 2, 3), (0, 0, 0, 1e30)):
+        assert 0 <= lib.nanocockpit_quat(raw) < 2**32
+
+
+def test_a_check_of_nought_is_sent_as_all_ones() -> None:
+    nought = bytes.fromhex("9d0ad96d")  # whose CRC-32 is 0
+    assert zlib.crc32(nought) == 0
+    memory = ffi.from_buffer("uint8_t[]", nought)
+    assert lib.nanocockpit_check(0, (memory, 4)) == nanocockpit.check(nought) == 0xFFFFFFFF
+    assert lib.nanocockpit_check(zlib.crc32(nought[:2]), (memory + 2, 2)) == 0xFFFFFFFF
+    assert lib.nanocockpit_check(0, (memory, 3)) == nanocockpit.check(nought[:3]) == zlib.crc32(nought[:3])
+
+
+@pytest.mark.parametrize(
+    ("wire", "size"),
+    [
+        (nanocockpit.NOISE_MESSAGE.build({"covered": {"value": {"noise": 77}}}), 12),
+        (nanocockpit.RANGES_MESSAGE.build({"covered": {"value": {"count": 16, "ranges": bytes(range(64))}}}), 76),
+    ],
+)
+def test_messages_that_are_skipped(wire: bytes, size: int) -> None:
+    """They are checked all the same, and touch nothing."""
+    state = ffi.new("nanocockpit_state_t *", {"stm32_time": 5})
+
+    def decode(data: bytes) -> int:
+        return int(lib.nanocockpit_uart_decode((ffi.from_buffer("uint8_t[]", data), len(data)), state))
+
+    assert len(wire) == size == decode(wire) == decode(wire + b"more")
+    assert [decode(wire[:cut]) for cut in range(size)] == [lib.ERR_SHORT] * size
+    for bit in range(32, 8 * size):
+        damaged = bytearray(wire)
+        damaged[bit // 8] ^= 1 << bit % 8
+        assert decode(bytes(damaged)) == lib.ERR_CHECK
+    assert state.stm32_time == 5
+
+
+def test_heads_of_more_packets() -> None:
+    out = ffi.new("uint8_t[4]", b"\xa5" * 4)
+    lib.nanocockpit_more_encode(out)
+    assert bytes(out) == nanocockpit.MORE.build({})
+
+    def decode(data: bytes) -> int:
+        return int(lib.nanocockpit_more_decode((ffi.from_buffer("uint8_t[]", data), len(data))))
+
+    assert [decode(b"\x11\x01\x02\x03\x04"[:cut]) for cut in range(6)] == [lib.ERR_SHORT] * 4 + [4, 4]
+    assert decode(b"\x10\0\0\0") == lib.ERR_START
 
 
 PACKET = {"route": {}, "data": bytes(40)}

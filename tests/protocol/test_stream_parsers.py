@@ -103,11 +103,12 @@ def test_uart_gives_up_half_a_frame_after_silence() -> None:
 
 
 def receive_stamps(stream: bytes) -> tuple[list[Values], Any]:
-    parser, stamp, found = ffi.new("stamp_rx_t *"), ffi.new("stamp_t *"), []
-    lib.stamp_rx_init(parser)
+    parser, message, found = ffi.new("uart1_rx_t *"), ffi.new("uart1_message_t *"), []
+    lib.uart1_rx_init(parser, lib.UART1_STAMP)
     for byte in stream:
-        if lib.stamp_rx(parser, byte, stamp):
-            found.append(STAMP.read([stamp], 17))
+        lib.uart1_rx_put(parser, byte)
+        if lib.uart1_rx_take(parser, message):
+            found.append(STAMP.read([message.stamp], 17))
     return found, parser
 
 

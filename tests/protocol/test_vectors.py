@@ -1,4 +1,4 @@
-"""Literal packets: from existing firmware, and the committed tests/vectors/native.json."""
+"""Literal packets: from existing firmware, and the committed ones in tests/vectors."""
 
 import json
 import subprocess
@@ -13,6 +13,7 @@ from wire_formats import BY_NAME, decode, encode
 from host.protocol.spec import control
 
 VECTORS = Path(__file__).resolve().parents[1] / "vectors"
+FILES = ["native", "dialects"]
 
 
 def route(source: int, destination: int, function: int, last_packet: bool = False) -> dict[str, Any]:
@@ -41,11 +42,17 @@ LITERAL: list[tuple[str, dict[str, Any], str]] = [
         "bc 44 01 f4 00 01 00 d0 34 01 00",
     ),
     ("CPX route", route(4, 3, 5, True) | {"reserved": True}, "e3 05"),
+    # NanoCockpit: the same bytes as CPX over TCP would have, but for the length, which leaves out the route.
+    (
+        "nanocockpit frame",
+        {"route": route(4, 3, 6, True), "data": bytes.fromhex("11000000aabbccdd")},
+        "08 00 63 06 11 00 00 00 aa bb cc dd",
+    ),
 ]
 
 
 def committed() -> list[tuple[str, dict[str, Any], str]]:
-    entries = json.loads((VECTORS / "native.json").read_text(encoding="utf-8"))
+    entries = [entry for name in FILES for entry in json.loads((VECTORS / f"{name}.json").read_text(encoding="utf-8"))]
     for entry in entries:
         if entry["format"] == "native data":
             entry["values"]["body"] = bytes(range(24))
@@ -61,14 +68,15 @@ def test_literal_packet(name: str, values: dict[str, Any], wire: str) -> None:
     assert format_.parse(raw) == (values, len(raw))
 
 
-def test_every_native_format_has_a_vector() -> None:
+def test_every_format_has_a_vector() -> None:
     covered = {name for name, _, _ in LITERAL + committed()}
     assert covered == set(BY_NAME)
 
 
-def test_committed_vectors_are_what_the_maker_prints() -> None:
-    made = subprocess.run([sys.executable, VECTORS / "make_native.py"], capture_output=True, text=True, check=True)
-    assert made.stdout == (VECTORS / "native.json").read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", FILES)
+def test_committed_vectors_are_what_the_maker_prints(name: str) -> None:
+    made = subprocess.run([sys.executable, VECTORS / f"make_{name}.py"], capture_output=True, text=True, check=True)
+    assert made.stdout == (VECTORS / f"{name}.json").read_text(encoding="utf-8")
 
 
 CONTROL = [

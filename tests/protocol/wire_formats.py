@@ -14,7 +14,7 @@ from construct import ConstructError
 from hypothesis import strategies as st
 
 from host.native import ffi, lib
-from host.protocol.spec import checks, cpx, cpx_link, cpx_uart, image, native, stamp
+from host.protocol.spec import checks, cpx, cpx_link, cpx_uart, image, nanocockpit, native, paper, stamp
 
 Values = dict[str, Any]
 
@@ -194,6 +194,128 @@ def repair_check32(data: bytes, at: int) -> bytes:
     return data[:at] + checks.crc32(data[:at]).to_bytes(4, "little") + data[at + 4 :] if len(data) >= at + 4 else data
 
 
+def repair_paper(data: bytes) -> bytes:
+    return data[:39] + bytes([checks.xor8(data[2:39])]) + data[40:] if len(data) >= 40 else data
+
+
+def repair_state(data: bytes) -> bytes:
+    return data[:36] + checks.crc32(data[:36]).to_bytes(4, "little") + data[40:] if len(data) >= 40 else data
+
+
+# Messages whose struct has structs and arrays in it. Their values are flat: no name is in two of the parts.
+
+FLOATS = st.floats(width=32, allow_nan=False)
+BY_KIND = {"float": FLOATS, "int16_t": st.integers(-(2**15), 2**15 - 1)}
+
+
+def flat_values(ctype: Any, **known: st.SearchStrategy[Any]) -> dict[str, st.SearchStrategy[Any]]:
+    """A strategy for each leaf."""
+    found: dict[str, st.SearchStrategy[Any]] = {}
+    for name, field in ctype.fields:
+        kind = field.type
+        if kind.kind == "struct":
+            found |= flat_values(kind, **known)
+        elif kind.kind == "array":
+            found[name] = st.lists(leaf(kind.item), min_size=kind.length, max_size=kind.length)
+        else:
+            found[name] = known.get(name, leaf(kind))
+    return found
+
+
+def leaf(kind: Any) -> st.SearchStrategy[Any]:
+    return BY_KIND.get(kind.cname, st.integers(0, 256 ** ffi.sizeof(kind) - 1))
+
+
+def fill(struct: Any, ctype: Any, values: Values) -> Any:
+    for name, field in ctype.fields:
+        if field.type.kind == "struct":
+            fill(getattr(struct, name), field.type, values)
+        else:
+            setattr(struct, name, values[name])
+    return struct
+
+
+def flat(struct: Any, ctype: Any) -> Values:
+    found: Values = {}
+    for name, field in ctype.fields:
+        value = getattr(struct, name)
+        if field.type.kind == "struct":
+            found |= flat(value, field.type)
+        else:
+            found[name] = [same(each) for each in value] if field.type.kind == "array" else same(value)
+    return found
+
+
+def same(value: Any) -> Any:
+    """A NaN is equal to nothing, but which one it is is none of our business."""
+    return "nan" if value != value else value
+
+
+def picked(container: Any, names: list[str]) -> Values:
+    """Those names out of a Container and the ones in it."""
+    found: Values = {}
+    for name, value in container.items():
+        if name in names:
+            found[name] = [same(each) for each in value] if isinstance(value, list) else same(value)
+        elif isinstance(value, dict):
+            found |= picked(value, names)
+    return found
+
+
+def nested(
+    name: str,
+    c_name: str,
+    spec: Any,
+    size: int,
+    *,
+    arrange: Callable[[Values], Any] = lambda values: values,
+    decode: Any = None,
+    values: st.SearchStrategy[Values] | None = None,
+    **more: Any,
+) -> Format:
+    ctype = ffi.typeof(f"{c_name}_t")
+    encoder = getattr(lib, f"{c_name}_encode")
+    own = flat_values(ctype)
+
+    def encode(given: Values, buffer: Any, room: int) -> int:
+        assert room >= size
+        encoder(fill(ffi.new(f"{c_name}_t *"), ctype, given), buffer)
+        return size
+
+    return Format(
+        name,
+        st.fixed_dictionaries(own) if values is None else merged(st.fixed_dictionaries(own), values),
+        lambda given: spec.build(arrange(given)),
+        lambda data: parsed(spec, data, lambda found: picked(found, list(own))),
+        encode,
+        decode or getattr(lib, f"{c_name}_decode"),
+        (f"{c_name}_t *",),
+        lambda outputs, _: flat(outputs[0], ctype),
+        **more,
+    )
+
+
+def state_only(view: Any, out: Any) -> int:
+    """nanocockpit_uart_decode as far as the message with a state goes."""
+    used = lib.nanocockpit_uart_decode(view, out)
+    return used if used < 0 or used == lib.NANOCOCKPIT_STATE_BYTES else lib.ERR_START
+
+
+def parse_nanocockpit(data: bytes) -> tuple[Values, int] | None:
+    return parsed(nanocockpit.FRAME, data, packet_values)
+
+
+def encode_nanocockpit(values: Values, buffer: Any, room: int) -> int:
+    size = 4 + len(values["data"])
+    assert room >= size
+    lib.nanocockpit_link_header(ffi.new("cpx_route_t *", values["route"]), len(values["data"]), buffer)
+    ffi.buffer(buffer, size)[4:] = values["data"]
+    return size
+
+
+GREY = st.fixed_dictionaries({"width": SIDES, "height": SIDES, "depth": st.integers(1, 4)})
+
+
 # The two messages that are no plain struct.
 
 
@@ -334,6 +456,45 @@ FORMATS = [
         any_values("native_stream_t", dialect=st.integers(0, 1), data_max=st.just(0) | st.integers(104, 1020)),
     ),
     message("native camera", "native_camera_t", "native_camera", native.CAMERA, 14, any_values("native_camera_t")),
+    nested(
+        "paper stamp",
+        "paper_stamp",
+        paper.STAMP,
+        40,
+        arrange=lambda values: {"covered": {"value": values}},
+        repair=repair_paper,
+    ),
+    nested("paper header", "paper_header", paper.HEADER, 43, values=pictures("type", "size")),
+    nested("paper camera", "paper_camera", paper.CAMERA, 8),
+    nested(
+        "nanocockpit state",
+        "nanocockpit_state",
+        nanocockpit.STATE_MESSAGE,
+        40,
+        arrange=lambda values: {"covered": {"value": {"state": values}}},
+        decode=state_only,
+        repair=repair_state,
+    ),
+    Format(
+        "nanocockpit frame",
+        packets(4088),
+        nanocockpit.FRAME.build,
+        parse_nanocockpit,
+        encode_nanocockpit,
+        lib.nanocockpit_link_decode,
+        ("cpx_packet_t *",),
+        read_packet,
+    ),
+    nested("nanocockpit begin", "nanocockpit_begin", nanocockpit.BEGIN, 12),
+    nested(
+        "nanocockpit metadata",
+        "nanocockpit_metadata",
+        nanocockpit.METADATA,
+        148,
+        arrange=lambda values: values | {"state": values},
+        values=GREY,
+    ),
+    nested("nanocockpit reply", "nanocockpit_reply", nanocockpit.REPLY, 25),
 ]
 BY_NAME = {format_.name: format_ for format_ in FORMATS}
 
@@ -364,7 +525,7 @@ def decode(format_: Format, data: bytes) -> tuple[Values, int] | None:
 
 def encode(format_: Format, values: Values, poison: int) -> bytes:
     """What the C writes into a buffer full of `poison`. AssertionError when it writes beyond what it says."""
-    room = 1200
+    room = 4200
     buffer = ffi.new("uint8_t[]", bytes([poison]) * room)
     used = format_.encode(values, buffer, room)
     written = ffi.buffer(buffer)[:room]

@@ -13,7 +13,7 @@ from typing import Any
 
 import construct
 
-from . import control, cpx, cpx_link, cpx_uart, image, native, stamp
+from . import control, cpx, cpx_link, cpx_uart, image, nanocockpit, native, paper, stamp
 from .values import Value
 
 LAYOUTS: dict[str, Any] = {
@@ -32,6 +32,17 @@ LAYOUTS: dict[str, Any] = {
     "native reply": native.REPLY,
     "native stream": native.STREAM,
     "native camera": native.CAMERA,
+    "paper stamp": paper.STAMP,
+    "paper header": paper.HEADER,
+    "paper camera": paper.CAMERA,
+    "nanocockpit state": nanocockpit.STATE_MESSAGE,
+    "nanocockpit noise": nanocockpit.NOISE_MESSAGE,
+    "nanocockpit ranges": nanocockpit.RANGES_MESSAGE,
+    "nanocockpit frame": nanocockpit.FRAME,
+    "nanocockpit begin": nanocockpit.BEGIN,
+    "nanocockpit more": nanocockpit.MORE,
+    "nanocockpit metadata": nanocockpit.METADATA,
+    "nanocockpit reply": nanocockpit.REPLY,
 }
 
 CODES: dict[str, tuple[Value, ...]] = {
@@ -42,6 +53,8 @@ CODES: dict[str, tuple[Value, ...]] = {
     "encodings": image.ENCODINGS,
     "native kinds": native.KINDS,
     "native flags": native.FLAGS,
+    "nanocockpit commands": nanocockpit.COMMANDS,
+    "nanocockpit types": nanocockpit.TYPES,
 }
 
 LIMITS: dict[str, tuple[Value, ...]] = {
@@ -50,9 +63,12 @@ LIMITS: dict[str, tuple[Value, ...]] = {
     "stamp times": stamp.TIMES,
     "image limits": image.LIMITS,
     "native limits": native.LIMITS,
+    "paper limits": paper.LIMITS,
+    "nanocockpit limits": nanocockpit.LIMITS,
 }
 
-INTEGERS = {1: "u8", 2: "u16", 4: "u32", 8: "u64"}
+NUMBERS = {"B": "u8", "H": "u16", "L": "u32", "Q": "u64", "h": "i16", "f": "f32"}
+"""By the letters of the struct module."""
 MARKED = re.compile(r"(<!-- table: (?P<name>[^>]+?) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -81,11 +97,13 @@ def size_and_type(field: Any) -> tuple[int | str, str]:
         part = part.checksumfield
     match part:
         case construct.FormatField():
-            return part.sizeof(), f"u{8 * part.sizeof()}"
+            return part.sizeof(), NUMBERS[part.fmtstr[-1]]
         case construct.Padded():
             return part.length if isinstance(part.length, int) else repr(part.length), "spare"
         case construct.Transformed():
             return part.sizeof(), "bits"
+        case construct.Array(count=int(count)):
+            return count * part.subcon.sizeof(), f"{count} x {size_and_type(part.subcon)[1]}"
         case construct.Array():
             return f"{part.count!r} x {part.subcon.sizeof()}", "list"
         case construct.Bytes():

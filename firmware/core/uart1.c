@@ -1,0 +1,64 @@
+#include "uart1.h"
+
+#include <string.h>
+
+void uart1_rx_init(uart1_rx_t *self, uint8_t kinds) {
+    *self = (uart1_rx_t){.kinds = kinds};
+}
+
+void uart1_rx_put(uart1_rx_t *self, uint8_t byte) {
+    self->rx[self->fill++] = byte;
+}
+
+/// The kind whose messages start with this byte; 0: none of them.
+static uint8_t kind_of(uint8_t first) {
+    switch (first) {
+    case STAMP_SYNC_0:
+        return UART1_STAMP;
+    case PAPER_STAMP_START:
+        return UART1_PAPER;
+    case '!':
+        return UART1_NANOCOCKPIT;
+    default:
+        return 0;
+    }
+}
+
+static int decode(bytes_t in, uint8_t kind, uart1_message_t *message) {
+    switch (kind) {
+    case UART1_STAMP:
+        return stamp_decode(in, &message->stamp);
+    case UART1_PAPER:
+        return paper_stamp_decode(in, &message->paper);
+    case UART1_NANOCOCKPIT:
+        return nanocockpit_uart_decode(in, &message->state);
+    default:
+        return ERR_START;
+    }
+}
+
+static void drop(uart1_rx_t *self, size_t size) {
+    self->fill = (uint8_t)(self->fill - size);
+    memmove(self->rx, self->rx + size, self->fill);
+}
+
+bool uart1_rx_take(uart1_rx_t *self, uart1_message_t *message) {
+    while (self->fill > 0) {
+        const uint8_t kind = kind_of(self->rx[0]) & self->kinds;
+        const int result = decode((bytes_t){self->rx, self->fill}, kind, message);
+        if (result > 0) {
+            message->kind = kind;
+            message->size = (uint8_t)result;
+            self->received++;
+            drop(self, (size_t)result);
+            return true;
+        }
+        if (result == ERR_SHORT) {
+            return false;
+        }
+        self->bad_check += result == ERR_CHECK;
+        self->garbage_bytes++;
+        drop(self, 1);
+    }
+    return false;
+}
