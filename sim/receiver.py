@@ -16,7 +16,7 @@ from .truth import errors_us, stamped
 if TYPE_CHECKING:
     from .world import World
 
-Dialect = Literal["auto", "stock", "native"]
+Dialect = Literal["auto", "stock", "paper", "nanocockpit", "native"]
 FRAMINGS: dict[str, Literal["tcp", "cpx-uart", "stamps"]] = {"tcp": "tcp", "uart2": "cpx-uart", "uart1": "stamps"}
 
 

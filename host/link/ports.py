@@ -16,7 +16,7 @@ from ..protocol.errors import LocalError, PeerSilentError
 from ..protocol.packets import CameraSettings
 from .access import why
 from .dialects import Dialect
-from .records import Event, Frame, LostFrame, SessionCounters, Stamp, State
+from .records import Event, Frame, LostFrame, NanocockpitStamp, PaperStamp, SessionCounters, Stamp, State
 from .session import FRAMINGS, Framing, Session
 from .state import Backoff, Watch
 
@@ -25,7 +25,7 @@ POLL_S = 0.1
 CONNECT_S = 5.0
 RECEIVE_BYTES = 1 << 18
 TCP_PORT = 5000
-ALIVE = (Frame, LostFrame, Stamp)
+ALIVE = (Frame, LostFrame, Stamp, PaperStamp, NanocockpitStamp)
 """What a robot is there for: without any of these it is called silent, whatever else it sends."""
 HANDLERS = ("sim.serial", "host.link.serial")
 """Where pyserial finds sim:// and replay://."""
