@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import io
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +30,15 @@ class Pictures:
     height: int
     raw: tuple[bytes, ...]
     jpeg: tuple[bytes, ...]
+
+    @functools.cached_property
+    def numbers(self) -> dict[int, list[int]]:
+        """By the CRC-32 of a body, the pictures that have it."""
+        found: dict[int, list[int]] = {}
+        for bodies in (self.raw, self.jpeg):
+            for number, body in enumerate(bodies):
+                found.setdefault(zlib.crc32(body), []).append(number)
+        return found
 
 
 def scene(width: int, height: int, seed: int, quality: int) -> Pictures:

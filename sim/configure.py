@@ -7,12 +7,13 @@ BRR/16 with 16-fold oversampling (RM0090, 30.3.4): 115200 Bd is asked for and 36
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from host.native import ffi, lib
 from host.protocol.errors import LocalError
 
-from .settings import Camera, Clock, RobotSettings, Wire
+from .settings import Camera, Clock, Paper, Pose, RobotSettings, Wire
 
 APB1_HZ = 42_000_000
 UART1_DIVISOR = 365
@@ -24,6 +25,12 @@ BITS_PER_BYTE = 10
 HOST_SPARE_BYTES = 32 << 10
 
 QUANTA = {"1us": lib.QUANTUM_1US, "rtc": lib.QUANTUM_RTC, "1ms": lib.QUANTUM_1MS}
+FIRMWARE = {
+    "native": lib.GAP8_NATIVE,
+    "stock": lib.GAP8_STOCK,
+    "paper": lib.GAP8_PAPER,
+    "nanocockpit": lib.GAP8_NANOCOCKPIT,
+}
 HOST_WIRES = {"tcp": lib.HOST_TCP, "uart2": lib.HOST_UART2, "uart1": lib.HOST_UART1}
 WIRES = {
     "uart1": (lib.WIRE_UART1,),
@@ -93,6 +100,31 @@ def faults(wire: Wire) -> dict[str, float]:
     }
 
 
+def stamp_format(robot: RobotSettings) -> int:
+    """stm32_stamp_format_t."""
+    if robot.firmware == "nanocockpit":
+        return int(lib.STM32_NANOCOCKPIT if robot.nanocockpit.clock == "ticks" else lib.STM32_NANOCOCKPIT_US)
+    return int(lib.STM32_PAPER if robot.firmware == "paper" else lib.STM32_NATIVE)
+
+
+def pose(settings: Pose) -> dict[str, float]:
+    """pose_t."""
+    half = math.radians(settings.yaw_deg) / 2
+    place = {"x_m": settings.x_m, "y_m": settings.y_m, "z_m": settings.z_m}
+    return {**place, "qx": 0.0, "qy": 0.0, "qz": math.sin(half), "qw": math.cos(half)}
+
+
+def paper_set_right(settings: Paper) -> int:
+    """gap8_config_t.paper."""
+    right = {
+        lib.GAP8_PAPER_UNFLOORED: settings.floor == "no",
+        lib.GAP8_PAPER_FIRST_BYTE: settings.arrival == "first",
+        lib.GAP8_PAPER_MIDDLE: settings.instant == "middle",
+        lib.GAP8_PAPER_OVERLAP: settings.turns == "no",
+    }
+    return sum(flag for flag, chosen in right.items() if chosen)
+
+
 def check_body(camera: Camera) -> None:
     """A raw frame that the ESP32 could never take whole would be dropped every time."""
     body = camera.width * camera.height
@@ -108,14 +140,17 @@ def robot_config(robot: RobotSettings) -> Any:
     """robot_config_t."""
     check_body(robot.camera)
     camera = robot.camera
-    stock = robot.firmware == "stock"
     on_uart2 = robot.wire == "uart2"
+    nanocockpit = robot.firmware == "nanocockpit"
     config = {
         "clocks": [clock(robot.stm32), clock(robot.gap8), clock(robot.esp32)],
         "wires": [faults(getattr(robot, name)) for name in ("uart1", "uart2", "uart2", "spi", "spi", "tcp", "tcp")],
         "stm32": {
-            "stamp_period_us": NEVER_US if stock else 0,
-            "wifi_mode": 0 if on_uart2 else ACCESS_POINT,
+            "stamp_format": stamp_format(robot),
+            "pose": pose(robot.pose),
+            "sway_m": robot.pose.sway_m,
+            "stamp_period_us": NEVER_US if robot.firmware == "stock" else 0,
+            "wifi_mode": 0 if on_uart2 or nanocockpit else ACCESS_POINT,
             "wifi_ssid": WIFI_NAME,
             "crtp_period_us": round(1e6 / robot.crtp.hz) if robot.crtp.hz else 0,
         },
@@ -132,11 +167,13 @@ def robot_config(robot: RobotSettings) -> Any:
                 "frame_period_us": round(camera.burst * 1e6 / camera.fps) if camera.fps else 0,
             },
             "stamp_bits": robot.gap8.stamp_bits,
-            "stock_only": stock,
-            # Nobody announces a Wi-Fi client on a wire that has no Wi-Fi.
-            "stream_always": on_uart2,
+            "firmware": FIRMWARE[robot.firmware],
+            "paper": paper_set_right(robot.paper),
+            "nanocockpit_check": robot.nanocockpit.check == "yes",
+            # Nobody announces a Wi-Fi client on a wire that has no Wi-Fi, and NanoCockpit's ESP32 never does.
+            "stream_always": on_uart2 or nanocockpit,
         },
-        "esp32": {"host_on_uart": on_uart2},
+        "esp32": {"host_on_uart": on_uart2, "bridge": nanocockpit},
         "uart1_byte_ps": round(BITS_PER_BYTE * UART1_DIVISOR * 1e12 / APB1_HZ),
         "uart2_stm32_byte_ps": round(BITS_PER_BYTE * UART2_DIVISOR * 1e12 / APB1_HZ),
         "uart2_esp32_byte_ps": round(BITS_PER_BYTE * 1e12 / UART2_BAUD),

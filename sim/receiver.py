@@ -72,4 +72,5 @@ class Receiver(Robot):
     @property
     def stamp_errors_us(self) -> NDArray[np.float64]:
         """Estimated less true STM32 time at end of frame, of each frame that has an estimate."""
-        return errors_us(stamped(self.frames), self.truth, self.settings.stm32.stamp_bits)
+        pictures = self.world.picture_numbers(self.index)
+        return errors_us(stamped(self.frames), self.truth, self.settings.stm32.stamp_bits, pictures)

@@ -225,6 +225,10 @@ def check_robot(robot: RobotSettings) -> None:
     if 0 < robot.crtp.hz < 1 / CRTP_PERIOD_S_MAX:
         raise LocalError(f"crtp_hz={plain(robot.crtp.hz)}: allowed is 0, or {plain(1 / CRTP_PERIOD_S_MAX)} and more")
     camera = robot.camera
+    if robot.firmware == "nanocockpit" and robot.wire == "uart2":
+        raise LocalError("wire=uart2 with firmware=nanocockpit: its ESP32 does not listen to UART2")
+    if robot.firmware == "nanocockpit" and camera.encoding == "jpeg":
+        raise LocalError("camera_encoding=jpeg with firmware=nanocockpit: it sends raw pictures only")
     if camera.fps == 0:
         return
     if camera.burst / camera.fps > FRAME_PERIOD_S_MAX:

@@ -117,13 +117,44 @@ class Crtp:
 
 
 @dataclass(frozen=True, slots=True)
+class Pose:
+    """What the STM32 says of itself; paper and nanocockpit firmware only."""
+
+    x_m: float = number(0, -1000, 1000, "m", "where the robot hovers")
+    y_m: float = number(0, -1000, 1000, "m", "likewise")
+    z_m: float = number(1, -1000, 1000, "m", "likewise")
+    yaw_deg: float = number(0, -360, 360, "degrees", "its heading")
+    sway_m: float = number(0.5, 0, 1000, "m", "how far it goes to and fro along x, once in 4 s")
+
+
+@dataclass(frozen=True, slots=True)
+class Paper:
+    """What the paper's firmware does, and how it would be right. Its tick of 1 ms is gap8_quantum."""
+
+    floor: Literal["yes", "no"] = choice("yes", "the STM32's time is cut to ms before the elapsed time is added")
+    arrival: Literal["last", "first"] = choice("last", "byte of a time message from which elapsed time counts")
+    instant: Literal["end", "middle"] = choice(
+        "end", "what the time is of: end of frame, or middle of exposure of the middle row; errors count from the end"
+    )
+    turns: Literal["yes", "no"] = choice("yes", "a burst is taken, then sent, then the next is taken; no: at once")
+
+
+@dataclass(frozen=True, slots=True)
+class Nanocockpit:
+    clock: Literal["ticks", "us"] = choice("ticks", "time in the STM32's states; us: as crazyflie-firmware's example")
+    check: Literal["no", "yes"] = choice("no", "buffers go with a CRC-32; as released they do not")
+
+
+@dataclass(frozen=True, slots=True)
 class RobotSettings:
     """One robot. Any of these may be a list in a scenario: one value per robot."""
 
     wire: Literal["tcp", "uart2", "uart1"] = choice(
         "tcp", "where the host listens: TCP, UART2 in the STM32's place, or a tap on UART1's stamps"
     )
-    firmware: Literal["native", "stock"] = choice("native", "stock: no stamps on UART1, nothing native")
+    firmware: Literal["native", "stock", "paper", "nanocockpit"] = choice(
+        "native", "whose: this project's, Bitcraze's (no stamps on UART1), the dataset paper's, NanoCockpit's"
+    )
     camera_path: str = text("a PGM, PPM or PNG file, or a folder of them, instead of the built-in pictures")
     stm32: Stm32Clock = field(default_factory=Stm32Clock)
     gap8: Clock = field(default_factory=Clock)
@@ -135,6 +166,9 @@ class RobotSettings:
     camera: Camera = field(default_factory=Camera)
     wifi: Wifi = field(default_factory=Wifi)
     crtp: Crtp = field(default_factory=Crtp)
+    pose: Pose = field(default_factory=Pose)
+    paper: Paper = field(default_factory=Paper)
+    nanocockpit: Nanocockpit = field(default_factory=Nanocockpit)
 
 
 @dataclass(frozen=True, slots=True)

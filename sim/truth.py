@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import zlib
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,48 +30,101 @@ TRUTH_DTYPE = np.dtype(
 """frame_truth_t of sim/kernel/kernel.h: one completed capture."""
 
 NOT_UP = np.iinfo(np.int64).min
-Stamped = tuple[int, int, int]
-"""frame, frame_gap8_us, frame_stm32_us of a native frame."""
+PAPER_PERIOD_NS = 1_000_000 << 32
+"""After which the time in the paper's image header wraps."""
+RECENT = 64
+"""Captures of one picture that a frame without a number may be of."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stamped:
+    """A frame's estimate of its time, and what tells which capture it is of."""
+
+    stm32_us: int
+    number: tuple[int, int] | None
+    """frame and frame_gap8_us of a native frame."""
+    body_crc32: int = 0
+    """Of a frame without a number: its picture, and that it was taken before it came, is all there is."""
+    arrival_ns: int = 0
 
 
 def stamped(frames: Iterable[Frame]) -> list[Stamped]:
     """Of the frames that carry an estimate."""
-    return [
-        (frame.native.frame, frame.native.frame_gap8_us, frame.native.frame_stm32_us)
-        for frame in frames
-        if frame.native is not None and frame.native.frame_stm32_us is not None
-    ]
+    found = []
+    for frame in frames:
+        stm32_us = frame.frame_stm32_us
+        if stm32_us is None:
+            continue
+        if frame.native:
+            found.append(Stamped(stm32_us, (frame.native.frame, frame.native.frame_gap8_us)))
+        else:
+            found.append(Stamped(stm32_us, None, zlib.crc32(frame.body.data), frame.arrival_host_ns))
+    return found
 
 
-def errors_us(stamps: Iterable[Stamped], truth: NDArray[np.void], stm32_bits: int) -> NDArray[np.float64]:
+def errors_us(
+    stamps: Iterable[Stamped],
+    truth: NDArray[np.void],
+    stm32_bits: int,
+    pictures: Mapping[int, Collection[int]] | None = None,
+) -> NDArray[np.float64]:
     """Estimate less truth, in the order of `stamps`, for one robot; NaN where the truth does not know the frame.
 
-    Both clocks wrap at 2^stm32_bits us: the error is the shorter way round.
+    `pictures`: by CRC-32, their numbers in the truth (World.picture_numbers). A frame without a number is taken for
+    the one of the last captures of its picture whose time is nearest. Both clocks wrap at 2^stm32_bits us: the error is
+    the shorter way round.
     """
-    known = {
-        (int(frame), int(gap8_us)): int(stamp_ns)
-        for frame, gap8_us, stamp_ns in zip(
-            truth["frame"], truth["gap8_stamp_us"], truth["stm32_stamp_ns"], strict=True
-        )
-        if stamp_ns != NOT_UP
-    }
+    truth = truth[truth["stm32_stamp_ns"] != NOT_UP]
+    numbered = zip(truth["frame"].tolist(), truth["gap8_stamp_us"].tolist(), strict=True)
+    known = dict(zip(numbered, truth["stm32_stamp_ns"].tolist(), strict=True))
     period_ns = 1000 << stm32_bits
+    unnumbered = Unnumbered(truth, pictures or {}, period_ns)
     errors = []
-    for frame, gap8_us, stm32_us in stamps:
-        true_ns = known.get((frame, gap8_us))
-        if true_ns is None:
+    for stamp in stamps:
+        if stamp.number is None:
+            errors.append(unnumbered.error_us(stamp))
+        elif stamp.number in known:
+            errors.append(around(stamp.stm32_us * 1000 - known[stamp.number], period_ns) / 1000)
+        else:
             errors.append(float("nan"))
-            continue
-        # In Python's integers: a 64-bit clock in nanoseconds does not fit int64.
-        around_ns = (stm32_us * 1000 - true_ns + period_ns // 2) % period_ns - period_ns // 2
-        errors.append(around_ns / 1000)
     return np.array(errors, dtype=np.float64)
+
+
+def around(difference_ns: int, period_ns: int) -> int:
+    """The shorter way. In Python's integers: a 64-bit clock in nanoseconds does not fit int64."""
+    return (difference_ns + period_ns // 2) % period_ns - period_ns // 2
+
+
+class Unnumbered:
+    """Captures by their picture."""
+
+    def __init__(self, truth: NDArray[np.void], pictures: Mapping[int, Collection[int]], period_ns: int) -> None:
+        self.truth = truth
+        self.pictures = pictures
+        self.period_ns = min(period_ns, PAPER_PERIOD_NS)
+        self._of: dict[int | None, tuple[NDArray[np.int64], list[int]]] = {}
+
+    def error_us(self, stamp: Stamped) -> float:
+        """NaN when no capture can be meant."""
+        # A damaged picture is none of ours: then any capture will do.
+        key = stamp.body_crc32 if stamp.body_crc32 in self.pictures else None
+        if key not in self._of:
+            rows = self.truth if key is None else self.truth[np.isin(self.truth["image"], list(self.pictures[key]))]
+            self._of[key] = (rows["true_ns"], rows["stm32_stamp_ns"].tolist())
+        true_ns, stm32_ns = self._of[key]
+        end = int(np.searchsorted(true_ns, stamp.arrival_ns))
+        meant = [
+            around(stamp.stm32_us * 1000 - each, self.period_ns) / 1000 for each in stm32_ns[max(0, end - RECENT) : end]
+        ]
+        return min(meant, key=abs, default=float("nan"))
 
 
 def stamp_errors_us(stamps: Iterable[Stamped], world: World, robot: int) -> dict[str, float] | None:
     """n, mean, sd, worst of the errors of one robot's stamps; None when there is nothing to compare."""
     truth = world.truth
-    each = errors_us(stamps, truth[truth["robot"] == robot], world.scenario.robots[robot].stm32.stamp_bits)
+    own = truth[truth["robot"] == robot]
+    bits = world.scenario.robots[robot].stm32.stamp_bits
+    each = errors_us(stamps, own, bits, world.picture_numbers(robot))
     each = each[~np.isnan(each)]
     if not len(each):
         return None

@@ -95,6 +95,7 @@ class World:
         self._truth_next_ns = 0
         self._pictures: dict[tuple[str | int, ...], tuple[camera.Pictures, list[Any]]] = {}
         self._buffers: list[Any] = []
+        self._shown: dict[int, camera.Pictures] = {}
         self._kernel = Kernel(source.seed)
         lib.kernel_trace(self.kernel, TRACES[trace])
         self.robots = tuple(self._add(index, settings) for index, settings in enumerate(source.robots))
@@ -116,6 +117,7 @@ class World:
         if result != index:
             raise LocalError(f"robot {index}: the simulator refuses this scenario: {settings}")
         if pictures is not None:
+            self._shown[index] = pictures
             result = lib.kernel_set_images(self.kernel, index, *views, len(pictures.raw))
             if result < 0:
                 raise MemoryError
@@ -225,6 +227,11 @@ class World:
             whole = np.concatenate([np.empty(0, TRUTH_DTYPE), *self._truth])
             self._truth = deque([whole])
             return whole
+
+    def picture_numbers(self, robot: int) -> dict[int, list[int]]:
+        """CRC-32 of each picture that this robot's camera shows, raw and JPEG, and its numbers in the truth."""
+        shown = self._shown.get(robot)
+        return {} if shown is None else shown.numbers
 
     def trace_hash(self) -> int:
         """Of all that every sender of every robot has sent; equal runs have equal hashes."""

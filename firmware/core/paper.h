@@ -14,7 +14,8 @@ enum {
     PAPER_HEADER_BYTES = 43, ///< IMAGE_STOCK_BYTES, u32, pose
     PAPER_CAMERA_BYTES = 8,
     PAPER_CAMERA_COMMAND = 0,
-    PAPER_CAMERA_LINES_MAX = 532, ///< the firmware cuts longer exposures to this, shorter ones to 2
+    PAPER_CAMERA_LINES_MIN = 2,   ///< shorter exposures are made so long
+    PAPER_CAMERA_LINES_MAX = 532, ///< and longer ones so short
 };
 
 /// Of the robot in the world. A unit quaternion; all zero: the GAP8 had not heard from the STM32 yet.
@@ -46,7 +47,7 @@ typedef struct {
     uint8_t auto_exposure;   ///< 0 or 1
     uint8_t analog_gain;     ///< 1, 2, 4, 8
     uint8_t digital_gain;    ///< 1/64
-    uint16_t exposure_lines; ///< cut to 2..PAPER_CAMERA_LINES_MAX
+    uint16_t exposure_lines; ///< cut to PAPER_CAMERA_LINES_MIN.._MAX
     uint8_t burst;           ///< 1..3 images back to back
     uint8_t encoding;        ///< IMAGE_RAW or IMAGE_JPEG
 } paper_camera_t;

@@ -5,7 +5,7 @@
 #include <string.h>
 
 int esp32_init(esp32_t *self, const esp32_config_t *config, instant_t now) {
-    if (config->host_on_uart > 1) {
+    if (config->host_on_uart > 1 || config->bridge > 1 || config->host_on_uart + config->bridge > 1) {
         return ERR_VALUE;
     }
     memset(self, 0, sizeof *self);
@@ -17,7 +17,11 @@ int esp32_init(esp32_t *self, const esp32_config_t *config, instant_t now) {
     cpx_uart_init(&self->uart2, now.up_us);
     cpx_tcp_rx_init(&self->tcp_rx);
     esp32_images_reset(self);
-    esp32_tell_boot(self);
+    if (config->bridge) {
+        esp32_bridge_init(self);
+    } else {
+        esp32_tell_boot(self);
+    }
     return 0;
 }
 
@@ -107,10 +111,13 @@ static void set_client(esp32_t *self, bool on, uint64_t now_us) {
     cpx_tcp_rx_clear(&self->tcp_rx);
     self->packets_dropped += self->from_tcp.packet.size > 0;
     self->from_tcp.packet.size = 0;
+    self->bridged_fill = 0;
     self->native = false;
     self->client = on;
-    self->client_next_us = now_us + ESP32_CLIENT_REPEAT_US;
-    esp32_tell_client(self);
+    if (!self->config.bridge) {
+        self->client_next_us = now_us + ESP32_CLIENT_REPEAT_US;
+        esp32_tell_client(self);
+    }
 }
 
 static void receive_uart(esp32_t *self, bytes_t in, uint64_t now_us) {
@@ -136,7 +143,9 @@ static void receive_uart(esp32_t *self, bytes_t in, uint64_t now_us) {
 
 static void receive_spi(esp32_t *self, bytes_t in, uint64_t now_us) {
     cpx_packet_t packet;
-    if (cpx_link_decode(in, &packet) < 0) {
+    if (self->config.bridge) {
+        esp32_bridge_receive_spi(self, in);
+    } else if (cpx_link_decode(in, &packet) < 0) {
         self->spi_errors++;
     } else if (load16_le(in.data) > 0 && !route(self, &packet, ESP32_PORT_SPI, now_us)) {
         self->packets_dropped++;
@@ -148,6 +157,9 @@ static size_t receive_tcp(esp32_t *self, bytes_t in, uint64_t now_us) {
     cpx_packet_t packet;
     if (!self->client || self->config.host_on_uart) {
         return in.size; // of a connection that has just gone
+    }
+    if (self->config.bridge) {
+        return esp32_bridge_receive_tcp(self, in);
     }
     self->tcp_heard_us = now_us;
     while (release(self, &self->from_tcp, ESP32_PORT_TCP, now_us) &&
@@ -193,7 +205,9 @@ static void receive_network(esp32_t *self, bytes_t in, uint64_t now_us) {
 int esp32_receive(esp32_t *self, esp32_port_t port, bytes_t in, instant_t now) {
     switch (port) {
     case ESP32_PORT_UART2:
-        receive_uart(self, in, now.up_us);
+        if (!self->config.bridge) {
+            receive_uart(self, in, now.up_us);
+        }
         break;
     case ESP32_PORT_SPI:
         receive_spi(self, in, now.up_us);
@@ -243,11 +257,14 @@ size_t esp32_transmit(esp32_t *self, esp32_port_t port, bytes_mut_t out, instant
     }
     switch (port) {
     case ESP32_PORT_UART2:
+        if (self->config.bridge) {
+            return 0;
+        }
         // Here, at the port that is asked first, so that what is queued now goes out in the same round.
         run_timers(self, now.up_us);
         return esp32_output_uart(self, out, now.up_us);
     case ESP32_PORT_SPI:
-        return esp32_output_spi(self, out);
+        return self->config.bridge ? esp32_bridge_output_spi(self, out) : esp32_output_spi(self, out);
     case ESP32_PORT_TCP:
         return esp32_output_tcp(self, out);
     case ESP32_PORT_NETWORK:
@@ -266,6 +283,9 @@ static uint64_t held_until_us(const esp32_held_t *held) {
 }
 
 uint64_t esp32_deadline(const esp32_t *self) {
+    if (self->config.bridge) {
+        return NEVER_US; // it only ever answers what comes
+    }
     uint64_t deadline_us = earlier(held_until_us(&self->from_uart), held_until_us(&self->from_tcp));
     deadline_us = earlier(deadline_us, earlier(self->client_next_us, tcp_gap_us(self)));
     if (self->native) {

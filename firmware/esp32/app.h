@@ -10,6 +10,8 @@
 #include "../core/cpx_link.h"
 #include "../core/cpx_uart.h"
 #include "../core/image.h"
+#include "../core/nanocockpit.h"
+#include "../core/paper.h"
 
 typedef enum {
     ESP32_PORT_UART2 = 0,
@@ -48,6 +50,8 @@ enum {
 
 typedef struct {
     uint8_t host_on_uart; ///< 1: no Wi-Fi; the host sits on UART2 in the STM32's place
+    uint8_t
+        bridge; ///< 1: as NanoCockpit's, between the GAP8 and the host, by its length rule; see esp32_init
 } esp32_config_t;
 
 /// One packet as SPI and TCP carry it: length, route, data.
@@ -105,8 +109,10 @@ typedef struct {
     esp32_held_t from_tcp;
     uint8_t image[ESP32_IMAGE_BYTES]; ///< ring of whole TCP packets
     uint32_t image_head, image_fill;
-    uint32_t image_packet_left; ///< of the packet at the head, already begun: what is left of it
-    uint8_t image_route[2];     ///< host on UART2: of the packet at the head
+    uint32_t image_packet_left;             ///< of the packet at the head, already begun: what is left of it
+    uint8_t image_route[2];                 ///< host on UART2: of the packet at the head
+    uint8_t bridged[NANOCOCKPIT_FRAME_MAX]; ///< bridge: the packet that comes from the host
+    uint16_t bridged_fill;
     esp32_images_t images;
     bool frame_native;
     uint16_t frame_data_max;  ///< longest CPX data of a native frame: what the host has asked for
@@ -127,6 +133,8 @@ typedef struct {
     uint32_t gap8_resets;
 } esp32_t;
 
+/// 0, or ERR_VALUE for a bridge without Wi-Fi or a value above 1. A bridge starts its network by itself, as
+/// access point "crazyflie", open, and uses neither UART2 nor any message of its own.
 int esp32_init(esp32_t *self, const esp32_config_t *config, instant_t now);
 
 /// Returns the bytes taken. All of them, but on TCP: there it stops behind a packet for which a queue has no

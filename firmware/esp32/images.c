@@ -132,6 +132,11 @@ bool esp32_images_take(esp32_t *self, const cpx_packet_t *packet) {
         start_stock(self, packet, &stock);
         return true;
     }
+    paper_header_t paper;
+    if (paper_header_decode(in, &paper) > 0) {
+        start_stock(self, packet, &paper.image);
+        return true;
+    }
     native_frame_t native;
     if ((in.size == NATIVE_FRAME_BYTES || !in_stock) && native_frame_decode(in, &native) > 0) {
         start_native(self, packet, &native);

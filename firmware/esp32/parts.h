@@ -1,6 +1,6 @@
 /// The parts of the ESP32's app, private to it: queues.c keeps packets, images.c decides about frames,
 /// local.c is what the ESP32 itself answers and says, output.c hands out what waits, app.c receives, routes
-/// and keeps time.
+/// and keeps time. bridge.c is NanoCockpit's, in the place of all of them but the image ring.
 #ifndef SPINDECK_ESP32_PARTS_H
 #define SPINDECK_ESP32_PARTS_H
 
@@ -20,6 +20,8 @@ cpx_packet_t esp32_packet_view(const esp32_packet_t *self);
 size_t esp32_ring_free(const esp32_t *self);
 /// There must be room for CPX_LINK_HEADER_BYTES and the data.
 void esp32_ring_push(esp32_t *self, const cpx_packet_t *packet);
+/// A packet as it goes on TCP.
+void esp32_ring_push_bytes(esp32_t *self, bytes_t packet);
 /// There must be `size` bytes.
 void esp32_ring_read(esp32_t *self, uint8_t *out, size_t size);
 /// The size of the packet at the head, which must not have been begun.
@@ -30,6 +32,12 @@ size_t esp32_ring_packet(const esp32_t *self);
 bool esp32_images_take(esp32_t *self, const cpx_packet_t *packet);
 /// Forgets the frame under way and empties the ring.
 void esp32_images_reset(esp32_t *self);
+
+void esp32_bridge_init(esp32_t *self);
+void esp32_bridge_receive_spi(esp32_t *self, bytes_t in);
+/// Stops behind a whole packet until SPI has taken it.
+size_t esp32_bridge_receive_tcp(esp32_t *self, bytes_t in);
+size_t esp32_bridge_output_spi(esp32_t *self, bytes_mut_t out);
 
 /// The queue of the link to `target`, or NULL when there is none.
 esp32_queue_t *esp32_queue_to(esp32_t *self, uint8_t target);

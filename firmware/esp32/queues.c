@@ -50,6 +50,10 @@ void esp32_ring_push(esp32_t *self, const cpx_packet_t *packet) {
     ring_write(self, packet->data.data, packet->data.size);
 }
 
+void esp32_ring_push_bytes(esp32_t *self, bytes_t packet) {
+    ring_write(self, packet.data, packet.size);
+}
+
 void esp32_ring_read(esp32_t *self, uint8_t *out, size_t size) {
     const size_t at = self->image_head;
     const size_t first = size < ESP32_IMAGE_BYTES - at ? size : ESP32_IMAGE_BYTES - at;
@@ -64,5 +68,5 @@ size_t esp32_ring_packet(const esp32_t *self) {
         self->image[self->image_head],
         self->image[(self->image_head + 1) % ESP32_IMAGE_BYTES],
     };
-    return sizeof length + load16_le(length);
+    return (self->config.bridge ? CPX_LINK_HEADER_BYTES : sizeof length) + load16_le(length);
 }

@@ -4,14 +4,22 @@
 
 #include <string.h>
 
-enum {
-    /// More stamps missed in a row than in 1000 s: the STM32 has started anew, nothing was missed.
-    STAMP_GAP_MAX = 100000,
-};
+/// Of the messages on UART1, by gap8_firmware_t.
+static uint8_t listens_for(uint8_t firmware) {
+    switch (firmware) {
+    case GAP8_PAPER:
+        return UART1_PAPER;
+    case GAP8_NANOCOCKPIT:
+        return UART1_NANOCOCKPIT;
+    default:
+        return UART1_STAMP;
+    }
+}
 
 int gap8_init(gap8_t *self, const gap8_config_t *config, instant_t now) {
-    if (native_camera_check(&config->camera) != 0 || config->stamp_bits > 64 ||
-        config->width > IMAGE_SIDE_MAX || config->height > IMAGE_SIDE_MAX ||
+    if (native_camera_check(&config->camera) != 0 || config->firmware > GAP8_NANOCOCKPIT ||
+        (config->firmware == GAP8_NANOCOCKPIT && config->camera.encoding != IMAGE_RAW) ||
+        config->stamp_bits > 64 || config->width > IMAGE_SIDE_MAX || config->height > IMAGE_SIDE_MAX ||
         (config->width > 0 && config->height == 0)) {
         return ERR_VALUE;
     }
@@ -23,7 +31,7 @@ int gap8_init(gap8_t *self, const gap8_config_t *config, instant_t now) {
         .sending = -1,
         .capture_next_us = now.up_us,
     };
-    uart1_rx_init(&self->stamp_rx, UART1_STAMP);
+    uart1_rx_init(&self->stamp_rx, listens_for(config->firmware));
     return 0;
 }
 
@@ -39,38 +47,6 @@ static void send(gap8_t *self, uint8_t destination, uint8_t function, bytes_t da
     memcpy(packet->data, data.data, data.size);
     packet->size = (uint8_t)data.size;
     self->queue_fill++;
-}
-
-static void add_pair(gap8_t *self, const stamp_t *stamp, uint64_t gap8_us) {
-    if (self->pairs_fill == GAP8_PAIRS_MAX) {
-        self->pairs_head = (uint16_t)((self->pairs_head + 1) % GAP8_PAIRS_MAX);
-        self->pairs_fill--;
-        self->pairs_lost++;
-    }
-    self->pairs[(self->pairs_head + self->pairs_fill) % GAP8_PAIRS_MAX] = (native_pair_t){
-        .sequence = stamp->sequence, .stm32_us = stamp->stm32_us, .gap8_us = gap8_us, .epoch = stamp->epoch};
-    self->pairs_fill++;
-}
-
-static void take_stamp(gap8_t *self, const stamp_t *stamp, uint64_t stamp_us) {
-    const uint32_t gap = stamp->sequence - self->stamp_last.sequence - 1;
-    if (self->stamp_valid && gap <= STAMP_GAP_MAX) {
-        self->stamps_missed += gap;
-    }
-    self->stamp_valid = true;
-    self->stamp_last = *stamp;
-    self->stamp_last_gap8_us = stamp_us;
-    add_pair(self, stamp, stamp_us);
-}
-
-static void receive_stamps(gap8_t *self, bytes_t in, uint64_t stamp_us) {
-    for (size_t i = 0; i < in.size; i++) {
-        uart1_message_t message;
-        uart1_rx_put(&self->stamp_rx, in.data[i]);
-        while (uart1_rx_take(&self->stamp_rx, &message)) {
-            take_stamp(self, &message.stamp, stamp_us);
-        }
-    }
 }
 
 static void set_client(gap8_t *self, bool on, uint64_t now_us) {
@@ -94,12 +70,38 @@ static void reply(gap8_t *self, uint8_t destination, uint8_t request, uint8_t st
     send(self, destination, CPX_APP, (bytes_t){data, sizeof data});
 }
 
+/// The paper's camera settings: false if it is something else. Nothing answers them.
+static bool handle_paper(gap8_t *self, const cpx_packet_t *packet, uint64_t now_us) {
+    paper_camera_t asked;
+    if (paper_camera_decode(packet->data, &asked) < 0) {
+        return false;
+    }
+    uint16_t lines =
+        asked.exposure_lines < PAPER_CAMERA_LINES_MAX ? asked.exposure_lines : PAPER_CAMERA_LINES_MAX;
+    lines = lines < PAPER_CAMERA_LINES_MIN ? PAPER_CAMERA_LINES_MIN : lines;
+    const native_camera_t camera = {
+        .auto_exposure = asked.auto_exposure,
+        .analog_gain = asked.analog_gain,
+        .digital_gain = asked.digital_gain,
+        .burst = asked.burst,
+        .encoding = asked.encoding,
+        .exposure_lines = lines,
+        .frame_period_us = self->camera_next.frame_period_us,
+    };
+    if (native_camera_check(&camera) != 0) {
+        self->requests_refused++;
+    } else {
+        gap8_captures_set(self, &camera, now_us);
+    }
+    return true;
+}
+
 /// Native requests: false if it is none, or from somebody who may not ask.
 static bool handle_request(gap8_t *self, const cpx_packet_t *packet, uint64_t now_us) {
     const uint8_t source = packet->route.source;
     native_camera_t camera;
-    if (self->config.stock_only) {
-        return false;
+    if (self->config.firmware != GAP8_NATIVE) {
+        return self->config.firmware == GAP8_PAPER && handle_paper(self, packet, now_us);
     }
     if ((source == CPX_HOST || source == CPX_STM32) && native_camera_decode(packet->data, &camera) > 0) {
         const uint8_t refused = native_camera_check(&camera);
@@ -150,23 +152,26 @@ static bool handle(gap8_t *self, const cpx_packet_t *packet, uint64_t now_us) {
     }
 }
 
-static void receive_spi(gap8_t *self, bytes_t in, uint64_t now_us) {
+static void receive_spi(gap8_t *self, bytes_t in, instant_t now) {
     cpx_packet_t packet;
-    const int result = cpx_link_decode(in, &packet);
+    const bool nanocockpit = self->config.firmware == GAP8_NANOCOCKPIT;
+    const int result = nanocockpit ? nanocockpit_link_decode(in, &packet) : cpx_link_decode(in, &packet);
     if (result < 0) {
         self->spi_errors++;
     } else if (load16_le(in.data) > 0) {
-        self->packets_unknown += handle(self, &packet, now_us) ? 0 : 1;
+        const bool known = nanocockpit ? gap8_buffers_receive(self, &packet, now.stamp_us)
+                                       : handle(self, &packet, now.up_us);
+        self->packets_unknown += known ? 0 : 1;
     }
 }
 
 int gap8_receive(gap8_t *self, gap8_port_t port, bytes_t in, instant_t now) {
     switch (port) {
     case GAP8_PORT_UART1:
-        receive_stamps(self, in, now.stamp_us);
+        gap8_times_receive(self, in, now.stamp_us);
         break;
     case GAP8_PORT_SPI:
-        receive_spi(self, in, now.up_us);
+        receive_spi(self, in, now);
         break;
     case GAP8_PORT_CAMERA:
         gap8_captures_expire(self, now.up_us);
@@ -179,7 +184,8 @@ int gap8_receive(gap8_t *self, gap8_port_t port, bytes_t in, instant_t now) {
 }
 
 static size_t transmit_spi(gap8_t *self, bytes_mut_t out) {
-    if (out.size < CPX_LINK_FRAME_MAX) {
+    const bool nanocockpit = self->config.firmware == GAP8_NANOCOCKPIT;
+    if (out.size < (size_t)(nanocockpit ? NANOCOCKPIT_FRAME_MAX : CPX_LINK_FRAME_MAX)) {
         return 0;
     }
     if (self->queue_fill == 0) {

@@ -33,13 +33,31 @@ enum {
         8, ///< slot, encoding, auto exposure, analog gain, digital gain, 0, u16 exposure lines
 };
 
+/// gap8_config_t.firmware: as which one it behaves.
+typedef enum {
+    GAP8_NATIVE = 0,
+    GAP8_STOCK = 1, ///< the stock streamer: no announcement, no native requests
+    GAP8_PAPER = 2,
+    GAP8_NANOCOCKPIT = 3,
+} gap8_firmware_t;
+
+/// gap8_config_t.paper: what the paper's firmware does, set right. The tick of 1 ms is its board's.
+enum {
+    GAP8_PAPER_UNFLOORED = 1,  ///< STM32 time and elapsed time are added in us, and rounded once
+    GAP8_PAPER_FIRST_BYTE = 2, ///< elapsed since the first byte of the time message, not since its last
+    GAP8_PAPER_MIDDLE = 4,  ///< the time of the middle of exposure of the middle row, not of the end of frame
+    GAP8_PAPER_OVERLAP = 8, ///< frames are sent, and the next burst is taken, as soon as there is room
+};
+
 typedef struct {
     uint16_t width;         ///< pixels; 0: no camera
     uint16_t height;        ///< pixels
     uint32_t line_time_ns;  ///< GAP8 time from row to row
     native_camera_t camera; ///< settings at boot; must pass native_camera_check
     uint8_t stamp_bits;     ///< width of the stamp clock, for elapsed times across its wrap; 0 means 64
-    bool stock_only;        ///< behave as the stock streamer: no announcement, no native requests
+    uint8_t firmware;       ///< gap8_firmware_t
+    uint8_t paper;          ///< GAP8_PAPER only: sum of GAP8_PAPER_ flags
+    bool nanocockpit_check; ///< GAP8_NANOCOCKPIT only: buffers go with a CRC-32; as released they do not
     bool stream_always;     ///< stream without waiting for WIFI_CLIENT_CONNECTED
 } gap8_config_t;
 
@@ -48,7 +66,9 @@ typedef enum { SLOT_FREE = 0, SLOT_CAPTURING, SLOT_READY, SLOT_SENDING } gap8_sl
 typedef struct {
     gap8_slot_state_t state;
     bytes_t body;
-    native_frame_t header; ///< filled at end of frame; counters at the start of sending
+    native_frame_t header;           ///< filled at end of frame; counters at the start of sending
+    paper_header_t paper;            ///< GAP8_PAPER: likewise
+    nanocockpit_metadata_t metadata; ///< GAP8_NANOCOCKPIT: likewise; the state at the start of sending
 } gap8_slot_t;
 
 typedef struct {
@@ -64,8 +84,10 @@ typedef struct {
     native_stream_t stream;      ///< what the host has asked for
     bool client;                 ///< a host is connected
     uart1_rx_t stamp_rx;
-    bool stamp_valid; ///< one has been received since boot
-    stamp_t stamp_last;
+    bool stamp_valid;   ///< one has been received since boot
+    stamp_t stamp_last; ///< the part of these three that `firmware` names
+    paper_stamp_t paper_last;
+    nanocockpit_state_t state_last;
     uint64_t stamp_last_gap8_us; ///< stamp clock when it came in
     native_pair_t pairs[512];    ///< ring
     uint16_t pairs_head;
@@ -79,7 +101,9 @@ typedef struct {
     bool capture_waits;       ///< the next burst is due, and counted as late: its slots are not free
     uint64_t capture_next_us; ///< uptime of the next burst
     uint64_t capture_timeout_us;
-    bool send_native; ///< the dialect of the frame being sent
+    nanocockpit_reply_t reply_last; ///< the frame that the host has answered last
+    uint32_t reply_gap8_us;         ///< and when
+    bool send_native;               ///< the dialect of the frame being sent
     bool send_header_done;
     uint16_t send_data_max;   ///< longest CPX data of the frame being sent
     uint16_t send_pairs_left; ///< pairs to go before its body
@@ -101,7 +125,7 @@ typedef struct {
     uint32_t requests_refused;
 } gap8_t;
 
-/// 0, or ERR_VALUE when the camera settings or the size are out of range. As stm32_init.
+/// 0, or ERR_VALUE when the camera settings, the size or the firmware are out of range. As stm32_init.
 int gap8_init(gap8_t *self, const gap8_config_t *config, instant_t now);
 
 /// UART1: one byte or more. SPI: what the slave sent in one window (header, route, data, padding). CAMERA:
@@ -109,7 +133,8 @@ int gap8_init(gap8_t *self, const gap8_config_t *config, instant_t now);
 /// (all).
 int gap8_receive(gap8_t *self, gap8_port_t port, bytes_t in, instant_t now);
 
-/// SPI: header, route and data for one window (`out` takes CPX_LINK_FRAME_MAX), or 0 when there is nothing to
+/// SPI: header, route and data for one window (`out` takes CPX_LINK_FRAME_MAX, with GAP8_NANOCOCKPIT
+/// NANOCOCKPIT_FRAME_MAX), or 0 when there is nothing to
 /// send; a window that the slave asked for while this returns 0 is clocked with four zero bytes. CAMERA: one
 /// command of GAP8_CAMERA_COMMAND_BYTES, or 0.
 size_t gap8_transmit(gap8_t *self, gap8_port_t port, bytes_mut_t out, instant_t now);

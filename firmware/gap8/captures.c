@@ -32,6 +32,11 @@ static uint8_t free_slots(const gap8_t *self) {
     return count;
 }
 
+/// There are slots for the next burst.
+static bool burst_fits(const gap8_t *self) {
+    return free_slots(self) >= (gap8_takes_turns(self) ? GAP8_SLOTS : self->camera_next.burst);
+}
+
 static int8_t free_slot(const gap8_t *self) {
     int8_t slot = 0;
     while (slot < GAP8_SLOTS - 1 && self->slots[slot].state != SLOT_FREE) {
@@ -47,7 +52,7 @@ static bool begin_burst(gap8_t *self, uint64_t now_us) {
     }
     const uint32_t period_us = self->camera_next.frame_period_us;
     const uint64_t periods = period_us == 0 ? 0 : (now_us - self->capture_next_us) / period_us + 1;
-    const bool fits = free_slots(self) >= self->camera_next.burst;
+    const bool fits = burst_fits(self);
     self->capture_next_us += periods * period_us;
     if (fits) {
         self->camera = self->camera_next;
@@ -97,25 +102,6 @@ static bool body_ok(const gap8_t *self, bytes_t body) {
     return body.size > 0 && body.size <= IMAGE_BODY_MAX;
 }
 
-/// The paper's rule: the last stamp, and what has passed on the GAP8's clock since it came in.
-static void set_time(const gap8_t *self, uint64_t frame_gap8_us, native_frame_t *header) {
-    header->frame_gap8_us = frame_gap8_us;
-    header->bound_us = UINT32_MAX;
-    if (!self->stamp_valid) {
-        header->flags = FRAME_REFUSED | FRAME_COLD;
-        header->stamp_age_us = UINT32_MAX;
-        return;
-    }
-    const uint8_t bits = self->config.stamp_bits;
-    const uint64_t wrap_mask = bits == 0 || bits == 64 ? UINT64_MAX : ((uint64_t)1 << bits) - 1;
-    const uint64_t age_us = (frame_gap8_us - self->stamp_last_gap8_us) & wrap_mask;
-    header->flags = FRAME_HAS_ESTIMATE;
-    header->frame_stm32_us = self->stamp_last.stm32_us + age_us;
-    header->epoch = self->stamp_last.epoch;
-    header->stamp_sequence = self->stamp_last.sequence;
-    header->stamp_age_us = age_us < UINT32_MAX ? (uint32_t)age_us : UINT32_MAX - 1;
-}
-
 void gap8_captures_end(gap8_t *self, bytes_t body, uint64_t stamp_us) {
     if (self->capturing < 0) {
         return; // too late, and counted so
@@ -142,7 +128,7 @@ void gap8_captures_end(gap8_t *self, bytes_t body, uint64_t stamp_us) {
         .exposure_lines = self->camera.exposure_lines,
         .line_time_ns = self->config.line_time_ns,
     };
-    set_time(self, stamp_us, &slot->header);
+    gap8_times_set(self, stamp_us, slot);
     if (!gap8_runs(self)) {
         self->frames_unsent++;
         return;
@@ -155,7 +141,7 @@ uint64_t gap8_captures_deadline(const gap8_t *self) {
     if (self->capturing >= 0) {
         return self->capture_timeout_us;
     }
-    if (!gap8_runs(self) || (self->capture_waits && free_slots(self) < self->camera_next.burst)) {
+    if (!gap8_runs(self) || (self->capture_waits && !burst_fits(self))) {
         return NEVER_US;
     }
     return self->burst_left > 0 ? 0 : self->capture_next_us;

@@ -57,6 +57,12 @@ static void begin(gap8_t *self) {
     self->send_header_done = false;
     self->send_offset = 0;
     self->send_part_end = 0;
+    if (self->config.firmware == GAP8_NANOCOCKPIT) {
+        slot->metadata.state = self->state_last;
+        slot->metadata.state_gap8_us = (uint32_t)self->stamp_last_gap8_us;
+        slot->metadata.reply_frame_gap8_us = self->reply_last.frame_gap8_us;
+        slot->metadata.reply_gap8_us = self->reply_gap8_us;
+    }
     if (!self->send_native) {
         return;
     }
@@ -79,7 +85,13 @@ static void end(gap8_t *self, uint32_t *counter) {
     (*counter)++;
 }
 
-static size_t stock_header(const native_frame_t *header, uint8_t *data) {
+/// Stock's, or the paper's.
+static size_t stock_header(const gap8_t *self, const gap8_slot_t *slot, uint8_t *data) {
+    if (self->config.firmware == GAP8_PAPER) {
+        paper_header_encode(&slot->paper, data);
+        return PAPER_HEADER_BYTES;
+    }
+    const native_frame_t *header = &slot->header;
     const image_stock_t stock = {header->width, header->height, header->depth, header->encoding,
                                  header->body_bytes};
     image_stock_encode(&stock, data);
@@ -123,27 +135,23 @@ static size_t native_body(gap8_t *self, const gap8_slot_t *slot, uint8_t *data) 
     return NATIVE_DATA_HEAD_BYTES + piece;
 }
 
-size_t gap8_frames_packet(gap8_t *self, bytes_mut_t out) {
-    if (self->sending < 0) {
-        if (self->order_fill == 0) {
-            return 0;
-        }
-        begin(self);
-    }
-    const gap8_slot_t *slot = &self->slots[self->sending];
+static bool holds_back(const gap8_t *self) {
+    const bool in_burst = self->burst_left > 0 || self->capturing >= 0;
+    return self->order_fill == 0 || (gap8_takes_turns(self) && in_burst);
+}
+
+/// The next packet of function APP.
+static size_t app_packet(gap8_t *self, const gap8_slot_t *slot, bool first, bytes_mut_t out) {
     cpx_route_t route = {
         .destination = CPX_HOST, .source = CPX_GAP8, .function = CPX_APP, .last_packet = true};
     uint8_t *data = out.data + CPX_LINK_HEADER_BYTES;
     size_t size;
-    if (!self->send_header_done) {
-        self->send_header_done = true;
-        if (self->send_native) {
-            native_frame_encode(&slot->header, data);
-            size = NATIVE_FRAME_BYTES;
-        } else {
-            size = stock_header(&slot->header, data);
-            route.reserved = !self->config.stock_only;
-        }
+    if (first && self->send_native) {
+        native_frame_encode(&slot->header, data);
+        size = NATIVE_FRAME_BYTES;
+    } else if (first) {
+        size = stock_header(self, slot, data);
+        route.reserved = self->config.firmware == GAP8_NATIVE;
     } else if (!self->send_native) {
         size = stock_body(self, slot, data);
     } else if (self->send_pairs_left > 0) {
@@ -152,10 +160,27 @@ size_t gap8_frames_packet(gap8_t *self, bytes_mut_t out) {
         size = native_body(self, slot, data);
     }
     cpx_link_header(&route, size, out.data);
-    if (self->send_offset == slot->header.body_bytes) {
+    return CPX_LINK_HEADER_BYTES + size;
+}
+
+size_t gap8_frames_packet(gap8_t *self, bytes_mut_t out) {
+    if (self->sending < 0) {
+        if (holds_back(self)) {
+            return 0;
+        }
+        begin(self);
+    }
+    const gap8_slot_t *slot = &self->slots[self->sending];
+    const bool first = !self->send_header_done;
+    const bool nanocockpit = self->config.firmware == GAP8_NANOCOCKPIT;
+    self->send_header_done = true;
+    const size_t size =
+        nanocockpit ? gap8_buffers_packet(self, slot, first, out) : app_packet(self, slot, first, out);
+    const uint32_t before = nanocockpit ? NANOCOCKPIT_METADATA_BYTES : 0;
+    if (self->send_offset == before + slot->header.body_bytes) {
         end(self, &self->frames_sent);
     }
-    return CPX_LINK_HEADER_BYTES + size;
+    return size;
 }
 
 void gap8_frames_drop(gap8_t *self) {

@@ -1,5 +1,7 @@
 #include "app.h"
 
+#include "parts.h"
+
 #include <string.h>
 
 enum { COMMAND_BYTES_MAX = 1 + 64, TEXT_BYTES_MAX = 24 };
@@ -14,13 +16,13 @@ static uint64_t stamp_period_us(const stm32_t *self) {
 }
 
 int stm32_init(stm32_t *self, const stm32_config_t *config, instant_t now) {
-    if (config->wifi_mode > 2 || !has_nul(config->wifi_ssid, sizeof config->wifi_ssid) ||
+    if (config->wifi_mode > 2 || config->stamp_format > STM32_NANOCOCKPIT_US ||
+        !has_nul(config->wifi_ssid, sizeof config->wifi_ssid) ||
         !has_nul(config->wifi_key, sizeof config->wifi_key)) {
         return ERR_VALUE;
     }
     *self = (stm32_t){
         .config = *config,
-        .stamp_sent = STAMP_BYTES,
         .stamp_next_us = config->stamp_period_us == UINT32_MAX ? NEVER_US : now.up_us,
         .wifi_next_us = config->wifi_mode == 0 ? NEVER_US : now.up_us,
         .crtp_next_us = NEVER_US,
@@ -169,21 +171,20 @@ static void begin_stamp(stm32_t *self, instant_t now) {
         self->epoch++;
     }
     self->stamp_last_us = now.stamp_us;
-    const stamp_t stamp = {self->stamp_sequence, now.stamp_us, self->epoch};
-    stamp_encode(&stamp, self->stamp);
+    self->stamp_size = stm32_message(self, now);
     self->stamp_sequence++;
     self->stamp_sent = 0;
 }
 
 static size_t transmit_stamp(stm32_t *self, uint8_t *out, instant_t now) {
-    if (self->stamp_sent == STAMP_BYTES) {
+    if (self->stamp_sent == self->stamp_size) {
         if (now.up_us < self->stamp_next_us) {
             return 0;
         }
         begin_stamp(self, now);
     }
     *out = self->stamp[self->stamp_sent++];
-    self->stamps_sent += self->stamp_sent == STAMP_BYTES;
+    self->stamps_sent += self->stamp_sent == self->stamp_size;
     return 1;
 }
 
@@ -222,7 +223,7 @@ static uint64_t earlier(uint64_t a_us, uint64_t b_us) {
 uint64_t stm32_deadline(const stm32_t *self) {
     uint64_t deadline_us = earlier(self->wifi_next_us, self->crtp_next_us);
     // Inside a message the caller comes by itself when the last byte has left.
-    if (self->stamp_sent == STAMP_BYTES) {
+    if (self->stamp_sent == self->stamp_size) {
         deadline_us = earlier(deadline_us, self->stamp_next_us);
     }
     if (self->uart2.tx_sent == 0 && self->uart2.credit_sent == 0) {

@@ -9,7 +9,7 @@
 
 #include "../core/cpx_uart.h"
 #include "../core/image.h"
-#include "../core/stamp.h"
+#include "../core/uart1.h"
 
 typedef enum {
     STM32_PORT_UART1 = 0, ///< to the GAP8, out only
@@ -21,10 +21,22 @@ enum {
     STM32_QUEUE_PACKETS = 8, ///< waiting for UART2
     STM32_WIFI_RETRY_US = 2000000,
     STM32_NAME_BYTES = 32,
+    STM32_SWAY_US = 4000000,
 };
+
+/// stm32_config_t.stamp_format: whose firmware's time messages go out.
+typedef enum {
+    STM32_NATIVE = 0,
+    STM32_PAPER = 1,
+    STM32_NANOCOCKPIT = 2,    ///< its time in ticks of 1 ms of the uptime
+    STM32_NANOCOCKPIT_US = 3, ///< its time is the stamp clock, as in crazyflie-firmware's example
+} stm32_stamp_format_t;
 
 /// Zero is a usable value for every field.
 typedef struct {
+    uint8_t stamp_format;     ///< stm32_stamp_format_t
+    pose_t pose;              ///< where the robot hovers; a quaternion of zeros is no rotation
+    float sway_m;             ///< and how far it goes to and fro along x, once in STM32_SWAY_US
     uint32_t stamp_period_us; ///< 0 means STAMP_PERIOD_US; UINT32_MAX: no stamps
     uint8_t wifi_mode;        ///< 0 none: leave the ESP32 alone; 1 access point; 2 station
     char wifi_ssid[32];       ///< NUL-terminated
@@ -41,8 +53,9 @@ typedef struct {
 typedef struct {
     stm32_config_t config;
     cpx_uart_t uart2;
-    uint8_t stamp[STAMP_BYTES];
-    uint8_t stamp_sent;     ///< STAMP_BYTES: none under way
+    uint8_t stamp[40];      ///< the message under way
+    uint8_t stamp_size;     ///< of it
+    uint8_t stamp_sent;     ///< stamp_size: none under way
     uint64_t stamp_next_us; ///< uptime
     uint64_t stamp_last_us; ///< stamp clock of the last message: going backwards starts a new epoch
     uint32_t stamp_sequence;
@@ -62,8 +75,8 @@ typedef struct {
     uint32_t crtp_ignored;    ///< CRTP from the host: there is no flight controller behind it
 } stm32_t;
 
-/// 0, or ERR_VALUE for a mode above 2 or a name without its NUL. `self` is the caller's; all of it is
-/// written. Must not be moved afterwards.
+/// 0, or ERR_VALUE for a mode above 2, a format that is none, or a name without its NUL. `self` is the
+/// caller's; all of it is written. Must not be moved afterwards.
 int stm32_init(stm32_t *self, const stm32_config_t *config, instant_t now);
 
 /// Bytes that came in on `port`; `now` is the time of the last stop bit. Returns how many were taken (all).

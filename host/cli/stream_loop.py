@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from host.link.ports import Stream
     from host.link.track import Track
+    from sim.truth import Stamped
 
 QUEUE_EVENTS = 64
 REFRESH_S = 0.2
@@ -52,8 +53,8 @@ class Robot:
     last_ns: int = 0
     first_frame_ns: int = 0
     last_frame: Frame | None = None
-    stamped: list[tuple[int, int, int]] = field(default_factory=list)
-    """(frame, frame_gap8_us, frame_stm32_us) of the frames with an estimate, kept where there is a truth to compare."""
+    stamped: list[Stamped] = field(default_factory=list)
+    """Of the frames with an estimate, kept where there is a truth to compare."""
     ended: bool = False
     error: Exception | None = None
     """What ended its thread; anything but a SpindeckError is a bug and is raised as it is."""
@@ -70,8 +71,10 @@ class Robot:
                 self.first_frame_ns = event.arrival_host_ns
             self.frames += 1
             self.last_frame = event
-            if event.native and event.native.frame_stm32_us is not None and self.world is not None:
-                self.stamped.append((event.native.frame, event.native.frame_gap8_us, event.native.frame_stm32_us))
+            if self.world is not None:
+                from sim.truth import stamped
+
+                self.stamped += stamped([event])
             if self.keeper:
                 self.keeper.frame(event)
         elif isinstance(event, LostFrame) and self.keeper:

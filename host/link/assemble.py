@@ -85,7 +85,7 @@ def fault(frame: Any, body: NDArray[np.uint8]) -> str | None:
         return None
     if body.size < 4 or body[:2].tobytes() != JPEG_START or body[-2:].tobytes() != JPEG_END:
         return "bad_jpeg"
-    if not frame.native:
+    if frame.dialect != lib.DIALECT_NATIVE:
         try:
             decode_jpeg(body, frame.width, frame.height)
         except PeerError:

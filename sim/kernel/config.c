@@ -4,8 +4,8 @@
 #include "wire.h"
 #include "world.h"
 
-static const int64_t BYTE_PS_MAX =
-    5000000000; // 5 ms: the longest SPI window ends within what an oscillator sees
+static const int64_t BYTE_PS_MAX = 5000000000;       // 5 ms
+static const int64_t SPI_BYTE_PS_MAX = 1250000000;   // the longest window ends within what an oscillator sees
 static const int64_t TIME_NS_MAX = (int64_t)1 << 50; // 13 days
 static const uint32_t BUFFER_MAX = 1u << 28;
 
@@ -45,8 +45,8 @@ bool config_ok(const robot_config_t *config) {
     return ok && in_range(config->uart1_byte_ps, 1, BYTE_PS_MAX) &&
            in_range(config->uart2_stm32_byte_ps, 1, BYTE_PS_MAX) &&
            in_range(config->uart2_esp32_byte_ps, 1, BYTE_PS_MAX) &&
-           in_range(config->spi_byte_ps, 1, BYTE_PS_MAX) && in_range(config->spi_gap_ns, 0, TIME_NS_MAX) &&
-           in_range(config->tcp_byte_ps, 0, BYTE_PS_MAX) &&
+           in_range(config->spi_byte_ps, 1, SPI_BYTE_PS_MAX) &&
+           in_range(config->spi_gap_ns, 0, TIME_NS_MAX) && in_range(config->tcp_byte_ps, 0, BYTE_PS_MAX) &&
            in_range(config->tcp_window_bytes, TCP_SEGMENT_BYTES, BUFFER_MAX) &&
            in_range(config->tcp_rto_ns, 1, TIME_NS_MAX) && in_range(config->network_up_ns, 0, TIME_NS_MAX) &&
            in_range(config->camera_frame_ns, 1, TIME_NS_MAX) &&

@@ -3,7 +3,7 @@
 #include <string.h>
 
 static size_t asked(kernel_t *k, robot_t *r, mcu_t mcu, mcu_t asker) {
-    bytes_mut_t out = {mcu == MCU_GAP8 ? r->spi.master : r->spi.slave, CPX_LINK_FRAME_MAX};
+    bytes_mut_t out = {mcu == MCU_GAP8 ? r->spi.master : r->spi.slave, SPI_SIDE_BYTES};
     size_t size = node_transmit(k, r, mcu, mcu == MCU_GAP8 ? (int)GAP8_PORT_SPI : (int)ESP32_PORT_SPI, out);
     if (mcu != asker && r->nodes[mcu].up) {
         node_set_timer(k, r, mcu); // the asker's is set when it has been polled

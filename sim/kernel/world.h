@@ -15,8 +15,9 @@
 #include "wire.h"
 
 enum {
-    UART_QUEUE_BYTES = 2048, ///< delayed on one UART; more are lost and counted as overflowed
-    UART_HELD_BYTES = 256,   ///< longest unit that can be reordered or duplicated
+    UART_QUEUE_BYTES = 2048,                ///< delayed on one UART; more are lost and counted as overflowed
+    UART_HELD_BYTES = 256,                  ///< longest unit that can be reordered or duplicated
+    SPI_SIDE_BYTES = NANOCOCKPIT_FRAME_MAX, ///< the most that one side sends in a window
     TCP_SEGMENT_BYTES = 1440,
     TCP_TO_ESP32_SEGMENTS = 16,
     TCP_SPARE_SEGMENTS = 8, ///< to the host, beyond those that fill the window: for short ones
@@ -101,8 +102,8 @@ typedef struct {
     bool under_way;
     size_t master_size; ///< committed by the GAP8; 0: nothing
     size_t slave_size;  ///< committed by the ESP32; 0: not ready; 4: ready, nothing to say
-    uint8_t master[CPX_LINK_FRAME_MAX];
-    uint8_t slave[CPX_LINK_FRAME_MAX];
+    uint8_t master[SPI_SIDE_BYTES];
+    uint8_t slave[SPI_SIDE_BYTES];
 } spi_t;
 
 typedef struct {

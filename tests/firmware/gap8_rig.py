@@ -12,6 +12,7 @@ from c_memory import POISONS
 from host.native import ffi, lib
 
 RAW, JPEG = 0, 1
+GAP8_NATIVE, GAP8_STOCK, GAP8_PAPER, GAP8_NANOCOCKPIT = range(4)
 CONNECTED, GONE = (link(cpx(ESP32, GAP8, WIFI_CTRL, bytes([0x32, on]))) for on in (1, 0))
 NONE_YET = 2**32 - 1
 TIMEOUT_US = 500_000 + 2 * (40 + 100) * 62_700 // 1000

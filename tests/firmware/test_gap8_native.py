@@ -7,6 +7,7 @@ import pytest
 from board import APP, BOOTLOADER, CONSOLE, ESP32, GAP8, HOST, STM32, TEST, WIFI_CTRL, cpx, link
 from gap8_rig import (
     CONNECTED,
+    GAP8_STOCK,
     GONE,
     NONE_YET,
     RAW,
@@ -211,8 +212,8 @@ def test_what_means_nothing_is_counted_and_changes_nothing(window: bytes) -> Non
     assert app.stream.dialect == 0
 
 
-def test_stock_only_knows_no_requests() -> None:
-    app = gap8(stock_only=True)
+def test_stock_firmware_knows_no_requests() -> None:
+    app = gap8(firmware=GAP8_STOCK)
     app.receive("SPI", request(16, struct.pack("<BBH", 1, 0, 0)), 0)
     app.receive("SPI", camera_request(), 0)
     assert app.packets_unknown == 2

@@ -4,7 +4,7 @@ import struct
 
 import pytest
 from c_memory import POISONS
-from gap8_rig import JPEG, RAW, capture, gap8, picture, sent, stock
+from gap8_rig import GAP8_STOCK, JPEG, RAW, capture, gap8, picture, sent, stock
 
 
 @pytest.mark.parametrize("poison", POISONS)
@@ -19,8 +19,8 @@ def test_raw_qvga_is_the_stock_stream_but_for_one_reserved_bit(poison: int) -> N
     assert len(packets[-1]) == 2 + 516
 
 
-def test_stock_only_leaves_the_reserved_bit_alone() -> None:
-    app = gap8(324, 244, stock_only=True)
+def test_stock_firmware_leaves_the_reserved_bit_alone() -> None:
+    app = gap8(324, 244, firmware=GAP8_STOCK)
     capture(app, picture(79056))
     assert app.transmit("SPI", 0) == bytes.fromhex("0d00 6305 bc 4401 f400 01 00 d0340100")
 

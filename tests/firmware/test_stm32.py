@@ -215,7 +215,7 @@ def test_one_stamp_more_or_less_never_waits_for_uart2() -> None:
     while now_us < 300_000:
         for port, byte_us in (("UART1", BYTE_US), ("UART2", 17)):
             if free_us[port] <= now_us:
-                first = app.stamp_sent == 17
+                first = app.stamp_sent == app.stamp_size
                 if app.transmit(port, now_us):
                     starts += [now_us] if port == "UART1" and first else []
                     free_us[port] = now_us + byte_us

@@ -12,6 +12,9 @@ typedef struct {
     instant_t now;
     cpx_uart_t stm32;
     cpx_tcp_rx_t host;
+    size_t bridge_left; ///< of the packet under way to the host
+    uint8_t bridge_head[CPX_LINK_HEADER_BYTES];
+    uint8_t bridge_head_fill;
 } bench_t;
 
 static bool hear_uart(bench_t *self) {
@@ -30,24 +33,48 @@ static bool hear_uart(bench_t *self) {
 
 /// False when there is nothing but the idle header.
 static bool hear_spi(bench_t *self) {
-    uint8_t out[CPX_LINK_FRAME_MAX];
+    uint8_t out[NANOCOCKPIT_FRAME_MAX];
     const size_t size = esp32_transmit(&self->app, ESP32_PORT_SPI, (bytes_mut_t){out, sizeof out}, self->now);
     if (size == 0) {
         return false;
     }
     cpx_packet_t packet;
-    CLAIM(cpx_link_decode((bytes_t){out, size}, &packet) == (int)size);
+    const bytes_t window = {out, size};
+    const bool bridge = self->app.config.bridge != 0;
+    CLAIM((bridge ? nanocockpit_link_decode(window, &packet) : cpx_link_decode(window, &packet)) ==
+          (int)size);
     if (load16_le(out) == 0) {
         return false;
     }
-    CLAIM(cpx_route_ok(&packet.route) && packet.route.destination == CPX_GAP8 && packet.data.size > 0);
+    CLAIM(cpx_route_ok(&packet.route) && packet.data.size > 0);
+    CLAIM(bridge || packet.route.destination == CPX_GAP8);
     return true;
+}
+
+/// Headers of NanoCockpit's follow each other at the distances that they state.
+static void hear_bridge(bench_t *self, bytes_t in) {
+    while (in.size > 0) {
+        if (self->bridge_left > 0) {
+            self->bridge_left -= take(&in, self->bridge_left).size;
+            continue;
+        }
+        self->bridge_head[self->bridge_head_fill++] = take_byte(&in);
+        if (self->bridge_head_fill == CPX_LINK_HEADER_BYTES) {
+            self->bridge_head_fill = 0;
+            self->bridge_left = load16_le(self->bridge_head);
+            CLAIM(self->bridge_left >= 1 && self->bridge_left <= NANOCOCKPIT_DATA_MAX);
+        }
+    }
 }
 
 static bool hear_tcp(bench_t *self, size_t most) {
     uint8_t out[TCP_PIECE_MAX];
     const size_t size = esp32_transmit(&self->app, ESP32_PORT_TCP, (bytes_mut_t){out, most}, self->now);
     CLAIM(size <= most);
+    if (self->app.config.bridge) {
+        hear_bridge(self, (bytes_t){out, size});
+        return size > 0;
+    }
     bytes_t in = {out, size};
     cpx_packet_t packet;
     while (cpx_tcp_rx(&self->host, &in, &packet)) {
@@ -88,6 +115,8 @@ static void receive(bench_t *self, esp32_port_t port, bytes_t in) {
     if (port == ESP32_PORT_NETWORK && in.size > 0 && in.data[0] >= NETWORK_CLIENT &&
         in.data[0] <= NETWORK_DOWN) {
         cpx_tcp_rx_init(&self->host); // another host, which gets nothing of what the last one had begun
+        self->bridge_left = 0;
+        self->bridge_head_fill = 0;
     }
 }
 
@@ -97,7 +126,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     memset(&bench.now, 0, sizeof bench.now);
     cpx_uart_init(&bench.stm32, 0);
     cpx_tcp_rx_init(&bench.host);
-    const esp32_config_t config = {.host_on_uart = take_byte(&input) & 1U};
+    bench.bridge_left = 0;
+    bench.bridge_head_fill = 0;
+    const uint8_t wires = take_byte(&input);
+    const esp32_config_t config = {.host_on_uart = wires & 1U, .bridge = (wires & 3U) == 2};
     CLAIM(esp32_init(&bench.app, &config, bench.now) == 0);
     while (input.size > 0) {
         const uint8_t choice = take_byte(&input);

@@ -39,14 +39,36 @@ static void hear_native(bytes_t data) {
     }
 }
 
+/// A packet of NanoCockpit's.
+static void hear_buffer(bytes_t out) {
+    cpx_packet_t packet;
+    nanocockpit_begin_t begin;
+    nanocockpit_metadata_t metadata;
+    CLAIM(nanocockpit_link_decode(out, &packet) == (int)out.size);
+    CLAIM(packet.route.function == CPX_STREAMER && out.size % 4 == 0);
+    if (packet.data.data[0] == NANOCOCKPIT_MORE) {
+        CLAIM(nanocockpit_more_decode(packet.data) > 0);
+        return;
+    }
+    const int head = nanocockpit_begin_decode(packet.data, &begin);
+    CLAIM(head > 0);
+    const bytes_t rest = {packet.data.data + head, packet.data.size - (size_t)head};
+    CLAIM(nanocockpit_metadata_decode(rest, &metadata) > 0);
+    CLAIM(begin.size == NANOCOCKPIT_METADATA_BYTES + (uint32_t)metadata.width * metadata.height);
+}
+
 /// False when there is nothing to send.
 static bool hear_spi(bench_t *self) {
-    uint8_t out[CPX_LINK_FRAME_MAX];
+    uint8_t out[NANOCOCKPIT_FRAME_MAX];
     const bool native = self->app.sending >= 0 ? self->app.send_native : self->app.stream.dialect != 0;
     const bool reply = self->app.queue_fill > 0;
     const size_t size = gap8_transmit(&self->app, GAP8_PORT_SPI, (bytes_mut_t){out, sizeof out}, self->now);
     if (size == 0) {
         return false;
+    }
+    if (self->app.config.firmware == GAP8_NANOCOCKPIT) {
+        hear_buffer((bytes_t){out, size});
+        return true;
     }
     cpx_packet_t packet;
     CLAIM(cpx_link_decode((bytes_t){out, size}, &packet) == (int)size);
@@ -97,6 +119,7 @@ static void capture(bench_t *self, bytes_t in) {
 
 static int init(bench_t *self, bytes_t *input) {
     const uint8_t choice = take_byte(input);
+    const uint8_t firmware = (choice >> 4 & 1U) | (choice >> 5 & 2U);
     const gap8_config_t config = {
         .width = SIDE,
         .height = 1 + choice % SIDE,
@@ -104,11 +127,13 @@ static int init(bench_t *self, bytes_t *input) {
                    .analog_gain = 1,
                    .digital_gain = 64,
                    .burst = 1 + choice % 3,
-                   .encoding = choice >> 1 & 1U,
+                   .encoding = firmware == GAP8_NANOCOCKPIT ? IMAGE_RAW : choice >> 1 & 1U,
                    .exposure_lines = 100,
                    .frame_period_us = choice & 4U ? 1U + take_byte(input) * 1000U : 0},
         .stamp_bits = choice & 8U ? 16 : 0,
-        .stock_only = (choice & 16U) != 0,
+        .firmware = firmware,
+        .paper = choice & 15U,
+        .nanocockpit_check = (choice & 1U) != 0,
         .stream_always = (choice & 32U) != 0,
     };
     self->slot = -1;

@@ -20,8 +20,12 @@ static void hear_stamp(bench_t *self, uint8_t byte) {
     uart1_message_t message;
     uart1_rx_put(&self->gap8, byte);
     if (uart1_rx_take(&self->gap8, &message)) {
-        CLAIM(message.stamp.sequence == self->sequence++);
-        CLAIM(message.stamp.epoch == self->app.epoch);
+        CLAIM(message.size == self->app.stamp_size);
+        self->sequence++;
+        if (message.kind == UART1_STAMP) {
+            CLAIM(message.stamp.sequence + 1 == self->sequence);
+            CLAIM(message.stamp.epoch == self->app.epoch);
+        }
     }
     CLAIM(self->gap8.garbage_bytes == 0);
 }
@@ -58,6 +62,12 @@ static void send_all(bench_t *self) {
 static stm32_config_t make_config(bytes_t *input) {
     const uint8_t choice = take_byte(input);
     stm32_config_t config = {.wifi_mode = choice & 3U};
+    if (config.wifi_mode == 3) {
+        config.wifi_mode = 0;
+        config.stamp_format = 1 + take_byte(input) % 4;
+        config.sway_m = (float)take_byte(input);
+        config.pose.qx = (float)take_byte(input) - 100;
+    }
     config.stamp_period_us = choice & 4U ? take_byte(input) : 0;
     config.crtp_period_us = choice & 8U ? 1U + take_byte(input) : 0;
     const bytes_t ssid = take(input, choice >> 4);
@@ -79,7 +89,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     }
     bytes_t input = {data, size};
     memset(&bench, 0, sizeof bench);
-    uart1_rx_init(&bench.gap8, UART1_STAMP);
+    uart1_rx_init(&bench.gap8, UART1_ALL);
     cpx_uart_init(&bench.esp32, 0);
     const stm32_config_t config = make_config(&input);
     if (stm32_init(&bench.app, &config, bench.now) < 0) {

@@ -36,7 +36,7 @@ def test_built_in_scenarios_load_and_survive_json(name):
 
 
 def test_built_in_names():
-    assert scenario.names() == ["hover", "lossy", "paper", "stock", "swarm"]
+    assert scenario.names() == ["hover", "lossy", "nanocockpit", "paper", "stock", "swarm"]
 
 
 def test_a_list_is_one_value_per_robot():
@@ -75,6 +75,9 @@ REFUSED = [
     ("crtp_hz=0.0001", "crtp_hz=0.0001: allowed is 0, or 0.001 and more"),
     ("camera_fps=0.01", "camera_fps=0.01: allowed is 0, or 0.1 and more with camera_burst=1"),
     ("firmware=stock&wire=uart1", "wire=uart1 with firmware=stock"),
+    ("firmware=nanocockpit&wire=uart2", "wire=uart2 with firmware=nanocockpit"),
+    ("firmware=nanocockpit&camera_encoding=jpeg", "camera_encoding=jpeg with firmware=nanocockpit"),
+    ("paper_floor=1", "paper_floor=1: allowed is yes | no"),
     ("gap8_ppm", "it should read sim://SCENARIO"),
 ]
 
@@ -108,7 +111,7 @@ def test_types_are_exact():
 def test_unknown_scenario_lists_those_there_are():
     with pytest.raises(LocalError) as error:
         scenario.load("hoover")
-    message = "no scenario 'hoover': did you mean hover?; there are hover, lossy, paper, stock, swarm, or a path"
+    message = "no scenario 'hoover': did you mean hover?; there are hover, lossy, nanocockpit, paper, stock, swarm, or a path"
     assert message in str(error.value)
 
 

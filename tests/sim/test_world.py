@@ -9,7 +9,7 @@ import pytest
 from host.protocol.errors import LocalError
 from sim import configure, scenario
 from sim import world as world_module
-from sim.truth import TRUTH_DTYPE, errors_us
+from sim.truth import TRUTH_DTYPE, Stamped, errors_us
 from sim.world import World
 
 REPLAYED = [
@@ -144,7 +144,7 @@ def test_errors_are_the_shorter_way_round():
     wrap_us = 1 << 32
     truth["stm32_stamp_ns"] = [5_000_500, (wrap_us - 1) * 1000, np.iinfo(np.int64).min]
     stamps = [(0, 100, 5003), (1, 200, 4), (0, 100, 4990), (0, 101, 5003), (2, 300, 1), (9, 100, 1)]
-    errors = errors_us(stamps, truth, 32)
+    errors = errors_us([Stamped(stm32_us, (frame, gap8_us)) for frame, gap8_us, stm32_us in stamps], truth, 32)
     assert errors[:3].tolist() == [2.5, 5.0, -10.5]
     assert np.isnan(errors[3:]).all(), "another GAP8 time, the STM32 not up, no such frame"
 

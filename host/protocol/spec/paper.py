@@ -19,7 +19,10 @@ from .checks import xor8
 from .image import BODY_BYTES, DEPTH, ENCODING, SIDE, raw_size_ok
 from .values import Value
 
-LIMITS = (Value(532, "PAPER_CAMERA_LINES_MAX", "lines of exposure: longer ones are cut to it, shorter ones to 2"),)
+LIMITS = (
+    Value(2, "PAPER_CAMERA_LINES_MIN", "lines of exposure: fewer are made so many"),
+    Value(532, "PAPER_CAMERA_LINES_MAX", "lines of exposure: more are made so many"),
+)
 
 POSE = (
     "x_m" / Float32l * "m",

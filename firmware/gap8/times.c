@@ -1,0 +1,128 @@
+#include "parts.h"
+
+enum {
+    /// More stamps missed in a row than in 1000 s: the STM32 has started anew, nothing was missed.
+    STAMP_GAP_MAX = 100000,
+    MS_US = 1000,
+    PAPER_STAMP_US = 3472, ///< 40 bytes at 115200 Bd
+};
+
+static void add_pair(gap8_t *self, const stamp_t *stamp, uint64_t gap8_us) {
+    if (self->pairs_fill == GAP8_PAIRS_MAX) {
+        self->pairs_head = (uint16_t)((self->pairs_head + 1) % GAP8_PAIRS_MAX);
+        self->pairs_fill--;
+        self->pairs_lost++;
+    }
+    self->pairs[(self->pairs_head + self->pairs_fill) % GAP8_PAIRS_MAX] = (native_pair_t){
+        .sequence = stamp->sequence, .stm32_us = stamp->stm32_us, .gap8_us = gap8_us, .epoch = stamp->epoch};
+    self->pairs_fill++;
+}
+
+static void take_stamp(gap8_t *self, const stamp_t *stamp, uint64_t stamp_us) {
+    const uint32_t gap = stamp->sequence - self->stamp_last.sequence - 1;
+    if (self->stamp_valid && gap <= STAMP_GAP_MAX) {
+        self->stamps_missed += gap;
+    }
+    self->stamp_last = *stamp;
+    add_pair(self, stamp, stamp_us);
+}
+
+static void take(gap8_t *self, const uart1_message_t *message, uint64_t stamp_us) {
+    switch (message->kind) {
+    case UART1_STAMP:
+        take_stamp(self, &message->stamp, stamp_us);
+        break;
+    case UART1_PAPER:
+        self->paper_last = message->paper;
+        break;
+    default:
+        if (message->size != NANOCOCKPIT_STATE_BYTES) {
+            return;
+        }
+        self->state_last = message->state;
+        break;
+    }
+    self->stamp_valid = true;
+    self->stamp_last_gap8_us = stamp_us;
+}
+
+void gap8_times_receive(gap8_t *self, bytes_t in, uint64_t stamp_us) {
+    for (size_t i = 0; i < in.size; i++) {
+        uart1_message_t message;
+        uart1_rx_put(&self->stamp_rx, in.data[i]);
+        while (uart1_rx_take(&self->stamp_rx, &message)) {
+            take(self, &message, stamp_us);
+        }
+    }
+}
+
+/// Since the last message on UART1, across a wrap of the stamp clock.
+static uint64_t elapsed_us(const gap8_t *self, uint64_t gap8_us) {
+    const uint8_t bits = self->config.stamp_bits;
+    const uint64_t wrap_mask = bits == 0 || bits == 64 ? UINT64_MAX : ((uint64_t)1 << bits) - 1;
+    return (gap8_us - self->stamp_last_gap8_us) & wrap_mask;
+}
+
+/// The last stamp, and what has passed on the GAP8's clock since it came in.
+static void set_native(const gap8_t *self, uint64_t frame_gap8_us, native_frame_t *header) {
+    header->frame_gap8_us = frame_gap8_us;
+    header->bound_us = UINT32_MAX;
+    if (!self->stamp_valid) {
+        header->flags = FRAME_REFUSED | FRAME_COLD;
+        header->stamp_age_us = UINT32_MAX;
+        return;
+    }
+    const uint64_t age_us = elapsed_us(self, frame_gap8_us);
+    header->flags = FRAME_HAS_ESTIMATE;
+    header->frame_stm32_us = self->stamp_last.stm32_us + age_us;
+    header->epoch = self->stamp_last.epoch;
+    header->stamp_sequence = self->stamp_last.sequence;
+    header->stamp_age_us = age_us < UINT32_MAX ? (uint32_t)age_us : UINT32_MAX - 1;
+}
+
+/// From the middle of exposure of the middle row to the end of frame.
+static uint64_t middle_us(const native_frame_t *frame) {
+    return ((uint64_t)frame->height + frame->exposure_lines) * frame->line_time_ns / 2 / MS_US;
+}
+
+/// Before the first message all that is known of the STM32 is 0, and so is its time of arrival: what comes
+/// out then is the GAP8's own time.
+static uint32_t paper_ms(const gap8_t *self, uint64_t frame_gap8_us, const native_frame_t *frame) {
+    const uint8_t right = self->config.paper;
+    const bool floored = (right & GAP8_PAPER_UNFLOORED) == 0;
+    uint64_t time_us = self->paper_last.stm32_us;
+    if (floored) {
+        time_us -= time_us % MS_US;
+    }
+    time_us += elapsed_us(self, frame_gap8_us);
+    if ((right & GAP8_PAPER_FIRST_BYTE) != 0 && self->stamp_valid) {
+        time_us += PAPER_STAMP_US;
+    }
+    if ((right & GAP8_PAPER_MIDDLE) != 0) {
+        time_us -= middle_us(frame);
+    }
+    return (uint32_t)((time_us + (floored ? 0 : MS_US / 2)) / MS_US);
+}
+
+void gap8_times_set(const gap8_t *self, uint64_t stamp_us, gap8_slot_t *slot) {
+    const native_frame_t *frame = &slot->header;
+    const image_stock_t image = {frame->width, frame->height, frame->depth, frame->encoding,
+                                 frame->body_bytes};
+    switch (self->config.firmware) {
+    case GAP8_PAPER:
+        slot->paper = (paper_header_t){image, paper_ms(self, stamp_us, frame), self->paper_last.pose};
+        break;
+    case GAP8_NANOCOCKPIT:
+        slot->metadata = (nanocockpit_metadata_t){
+            .width = frame->width,
+            .height = frame->height,
+            .depth = frame->depth,
+            .frame_id = (uint8_t)(frame->frame + self->captures_late + self->captures_failed),
+            .frame_gap8_us = (uint32_t)stamp_us,
+        };
+        break;
+    default:
+        set_native(self, stamp_us, &slot->header);
+        break;
+    }
+}
