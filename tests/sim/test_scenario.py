@@ -111,7 +111,7 @@ def test_types_are_exact():
 def test_unknown_scenario_lists_those_there_are():
     with pytest.raises(LocalError) as error:
         scenario.load("hoover")
-    message = "no scenario 'hoover': did you mean hover?; there are hover, lossy, nanocockpit, paper, stock, swarm, or a path"
+    message = "no scenario 'hoover': did you mean hover?; there are hover, lossy, nanocockpit, paper, stock, swarm, or"
     assert message in str(error.value)
 
 
