@@ -5,6 +5,7 @@ Images and messages go over several packets: an Explainer is given the pieces of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -12,7 +13,7 @@ from typing import Any, NamedTuple
 from construct import Array, ConstructError, Int8ul, Struct
 
 from .dissect import Framing, Piece
-from .spec import control, cpx, image, native, tables
+from .spec import control, cpx, image, native, paper, tables
 from .spec.values import Value
 
 MESSAGES: dict[int, tuple[str, Any]] = {
@@ -23,6 +24,10 @@ MESSAGES: dict[int, tuple[str, Any]] = {
     5: ("native reply", native.REPLY),
     16: ("native stream request", native.STREAM),
     17: ("native camera request", native.CAMERA),
+}
+HEADERS: dict[str, Any] = {
+    "stock image header": image.STOCK_HEADER,
+    "image header of the paper's firmware": paper.HEADER,
 }
 BY_COMMAND: dict[str, tuple[Any, tuple[Value, ...]]] = {
     "SYSTEM": (control.SYSTEM, control.SYSTEM_COMMANDS),
@@ -136,14 +141,19 @@ class Explainer:
                 return Meaning(f"a message in pieces, {len(self.joined)} bytes so far")
         if TARGETS[route.source] == "GAP8" and TARGETS[route.destination] == "HOST":
             left = self.image_bytes - self.image_got
-            header = None if len(data) == left else parsed_or_none(image.STOCK_HEADER, data)
-            if header is not None:
-                return self.stock_header(header)
+            for about, struct in HEADERS.items():
+                header = None if len(data) == left else parsed_or_none(struct, data)
+                if header is not None:
+                    return self.image_header(about, struct, header)
             reply = len(data) == 4 and data[:2] == b"\x4e\x05"
             if left and (len(data) == left or not reply):
                 return self.stock_body(len(data))
         if len(data) >= 2 and data[0] == 0x4E:
             return self.native(data)
+        if TARGETS[route.destination] == "GAP8":
+            settings = parsed_or_none(paper.CAMERA, data)
+            if settings is not None:
+                return Meaning("camera settings of the paper's firmware", list(fields_of(paper.CAMERA, settings)))
         return Meaning("no image is under way, and this begins none: the rest of one?", data_field(data))
 
     def join(self, ends: tuple[int, int], last: bool, data: bytes) -> tuple[bytes, bool]:
@@ -161,12 +171,12 @@ class Explainer:
         whole, self.joined, self.joined_route = self.joined, b"", None
         return whole, False
 
-    def stock_header(self, header: Any) -> Meaning:
+    def image_header(self, about: str, struct: Any, header: Any) -> Meaning:
         """Of a new image, whatever became of the last one."""
         cut = self.image_bytes - self.image_got
         note = f"; the image before lacks {cut} of {self.image_bytes} bytes" if cut else ""
         self.image_bytes, self.image_got = header.size, 0
-        return Meaning(f"stock image header{note}", list(fields_of(image.STOCK_HEADER, header)))
+        return Meaning(f"{about}{note}", list(fields_of(struct, header)))
 
     def stock_body(self, size: int) -> Meaning:
         first, self.image_got = self.image_got, self.image_got + size
@@ -226,6 +236,8 @@ def fields_of(struct: Any, parsed: Any) -> Iterator[Field]:
             rows = [{name: number for name, number in row.items() if not name.startswith("_")} for row in value]
             yield Field(each.name, rows, "")
             continue
+        if isinstance(value, float) and not math.isfinite(value):
+            value = str(value)  # which JSON has no number for
         yield Field(each.name, value, each.docs, words(each.name, value))
 
 

@@ -247,3 +247,20 @@ def test_keys_are_not_shown_unless_asked() -> None:
     assert "secret-key" not in repr(meanings(packet, "tcp"))
     piece = pieces(packet, "tcp")[0]
     assert values(Explainer("tcp", show_keys=True).explain(piece))["argument"] == "secret-key"
+
+
+def test_the_papers_header_begins_an_image_and_its_numbers_may_be_none() -> None:
+    header = HEADER + struct.pack("<I7f", 1234, 0.5, -0.25, 1.0, float("nan"), 0.0, float("inf"), 1.0)
+    made = meanings(tcp(header) + b"".join(IMAGE[1:]), "tcp")
+    assert made[0].about == "image header of the paper's firmware"
+    values = {each.name: each.value for each in made[0].fields}
+    assert values["frame_stm32_ms"] == 1234
+    assert values["x_m"] == 0.5
+    assert (values["qx"], values["qz"]) == ("nan", "inf")
+    assert made[-1].about.endswith("the last ones")
+
+
+def test_the_papers_camera_settings() -> None:
+    (made,) = meanings(tcp(bytes.fromhex("00 00 08 01 32 00 01 01"), route=b"\x4c\x05"), "tcp")
+    assert made.about == "camera settings of the paper's firmware"
+    assert {each.name: each.value for each in made.fields}["exposure_lines"] == 50
