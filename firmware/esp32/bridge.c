@@ -104,14 +104,15 @@ void esp32_bridge_receive_spi(esp32_t *self, bytes_t in) {
     }
 }
 
-/// Whole, or still in need of bytes: 0. Else one byte is dropped, and the search goes on behind it.
+/// Is the packet whole? What cannot be one costs a byte, and the search goes on behind it. One without data
+/// would be idle on SPI.
 static bool bridged_whole(esp32_t *self) {
     cpx_packet_t packet;
     while (self->bridged_fill >= CPX_LINK_HEADER_BYTES) {
         const int used = nanocockpit_link_decode((bytes_t){self->bridged, self->bridged_fill}, &packet);
         cpx_route_t route;
         cpx_route_decode(self->bridged + 2, &route);
-        if (used != ERR_LENGTH && cpx_route_ok(&route)) {
+        if (used != ERR_LENGTH && load16_le(self->bridged) > 0 && cpx_route_ok(&route)) {
             return used > 0;
         }
         self->bridged_fill--;
