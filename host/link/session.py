@@ -153,7 +153,8 @@ class Session:
             size = 2 if waiting < 2 else 3 + uart.rx[uart.rx_taken + 1]  # a credit; start, length, check and the rest
             return int(max(1, size - waiting))
         if self.framing == "stamps":
-            return int(lib.STAMP_BYTES - self._stream.stamps.fill)
+            # A longer message of another firmware may be under way.
+            return int(max(1, lib.STAMP_BYTES - self._stream.stamps.fill))
         return 1
 
     @property

@@ -129,3 +129,12 @@ def test_a_silent_robot_is_the_peers_fault() -> None:
     result = host("stream", "--port", "sim://hover?pace=max&camera_fps=0", "--timeout", "2")
     assert result.returncode == 3
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("scenario", ["hover", "paper", "nanocockpit"])
+def test_a_tap_on_uart1_hears_the_time_messages_of_each_firmware(scenario: str) -> None:
+    result = host("stream", "--port", f"sim://{scenario}?pace=max&wire=uart1", "--duration", "1")
+    assert result.returncode == 0, result.stderr
+    events = records(result.stdout)
+    assert sum(str(event["event"]).endswith("stamp") for event in events) > 90
+    assert not any(event["event"] == "garbage" for event in events)
