@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 CAMERA = """\
 All settings are sent together, and hold from the next capture on: what is not given goes to its default.
-The GAP8 needs firmware that speaks native; nothing is sent to one that has not announced it.
+The GAP8 needs firmware that speaks native, or the dataset paper's; nothing is sent to any other.
 
 examples:
   host deck camera --port socket://192.168.4.1:5000 --exposure-lines 300 --analog-gain 2
@@ -85,6 +85,12 @@ def run_camera(arguments: argparse.Namespace) -> int:
     with open_deck(arguments) as stream:
         talk = Talk(stream, arguments.timeout)
         talk.until(lambda heard: heard.native or heard.is_stock)
+        if talk.heard.dialect == "paper":
+            return send_paper(arguments, stream, settings)
+        if talk.heard.dialect == "nanocockpit":
+            raise PeerError(
+                f"{arguments.port}: NanoCockpit's camera settings are compiled into it. Nothing was sent to the GAP8"
+            )
         if talk.heard.is_stock:
             raise PeerError(
                 f"{arguments.port}: the firmware is stock: it sends images and has no camera settings. Nothing was sent"
@@ -106,6 +112,22 @@ def run_camera(arguments: argparse.Namespace) -> int:
         {"event": "camera", "status": 0, "settings": as_record(settings)},
         f"the GAP8 has taken it: exposure {exposure}, analog gain {settings.analog_gain}, digital gain "
         f"{settings.digital_gain}/64, {rate} fps in bursts of {settings.burst}, {settings.encoding}",
+    )
+    return 0
+
+
+def send_paper(arguments: argparse.Namespace, stream: Stream, settings: CameraSettings) -> int:
+    """In the message of the dataset paper's firmware, which nothing answers."""
+    if arguments.fps is not None:
+        raise LocalError("--fps: the paper's firmware has no frame rate, it takes as many as it can: leave it out")
+    stream.send_camera(settings)
+    until_ns = stream.port.clock_ns() + int(REPEAT_S * 1e9)
+    while stream.port.clock_ns() < until_ns and stream.poll() is not None:
+        pass  # until it is on its way for sure
+    tell(
+        arguments,
+        {"event": "camera", "status": None, "settings": as_record(settings)},
+        "sent to the GAP8 in the message of the paper's firmware, which answers nothing: look at the frames",
     )
     return 0
 

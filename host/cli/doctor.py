@@ -50,9 +50,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     add("--framing", choices=["tcp", "cpx-uart", "stamps"], help="what the bytes are (default: follows the port)")
     add(
         "--dialect",
-        choices=["auto", "stock", "native"],
+        choices=["auto", "stock", "paper", "nanocockpit", "native"],
         default="auto",
-        help="native: ask for stamped frames and counters; stock: never ask; auto: ask once the robot has announced it",
+        help="as of host stream; native frames tell most",
     )
     add("--json", action="store_true", help="one JSON object on stdout, also on a terminal")
     this.set_defaults(run=run)

@@ -26,6 +26,8 @@ class Heard:
     """The ESP32 has sent ours back."""
     images: int = 0
     native: bool = False
+    dialect: str | None = None
+    """Of the last whole image."""
     reply: Reply | None = None
     """To a camera request."""
     gap8: bool = False
@@ -43,7 +45,9 @@ class Heard:
             ):
                 self.gap8 = True
             self.native |= isinstance(event, Announced) or (isinstance(event, Frame) and event.native is not None)
-            self.images += isinstance(event, Frame)
+            if isinstance(event, Frame):
+                self.images += 1
+                self.dialect = event.dialect
             if isinstance(event, Reply) and event.request == lib.NATIVE_CAMERA:
                 self.reply = event
             if isinstance(event, Packet):

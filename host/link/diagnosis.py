@@ -45,7 +45,7 @@ def limit(heard: Listening) -> tuple[Stage | None, str]:
     if host_is_slow(heard):
         return "host", f"{came}; the limit is this computer, which is busy all the time"
     if not heard.numbered:
-        return None, f"{came}; stock frames do not say what limits them"
+        return None, f"{came}; {heard.spoken} frames do not say what limits them"
     if dropped > LOST_SHARE * (dropped + len(times)):
         link: Stage = "UART2" if heard.framing == "cpx-uart" else "Wi-Fi"
         return link, f"{came}; the limit is {link}: the ESP32 had to drop {dropped} more"

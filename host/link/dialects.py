@@ -13,9 +13,9 @@ from typing import Literal
 from ..native import lib
 
 Dialect = Literal["auto", "stock", "paper", "nanocockpit", "native"]
-"""auto recognises all of them and transmits nothing before native is announced. stock, paper: likewise, transmits
-nothing. nanocockpit: its length rule from the first byte on, and each frame is answered, as that firmware's own client
-does."""
+"""auto recognises all of them and transmits nothing before native is announced. stock: likewise, and never transmits.
+paper and native: packets of CPX from the first byte on; native is asked for, paper for nothing. nanocockpit: packets by
+its rule from the first byte on, and each frame is answered, as that firmware's own client does."""
 
 SPOKEN: dict[int, Dialect] = {
     lib.DIALECT_STOCK: "stock",

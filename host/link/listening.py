@@ -9,7 +9,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .records import PAIR_DTYPE, Announced, Event, Frame, LostFrame, NativeHeader, SessionCounters, Stamp, Status
+from .records import (
+    PAIR_DTYPE,
+    Announced,
+    Event,
+    Frame,
+    LostFrame,
+    NanocockpitStamp,
+    NativeHeader,
+    PaperStamp,
+    SessionCounters,
+    Stamp,
+    Status,
+)
 
 NS = 1_000_000_000
 RESTART_STAMPS = 50
@@ -117,6 +129,8 @@ class Listening:
     no_stamp_us: int = 0
     """Longest age of the last stamp at a frame."""
     never_stamped: int = 0
+    spoken: str = "stock"
+    """Dialect of the last frame."""
     counters: SessionCounters = field(default_factory=SessionCounters)
     """Of the session, of all connections together."""
     _esp32_up_us: int | None = None
@@ -150,6 +164,11 @@ class Listening:
                 self._status(event)
             elif isinstance(event, Stamp):
                 self._stamp_heard(event)
+            elif isinstance(event, PaperStamp):
+                self.stamps += 1
+                self.pairs.read(event.stm32_us, event.arrival_host_ns // 1000)
+            elif isinstance(event, NanocockpitStamp):
+                self.stamps += 1
             elif isinstance(event, Announced):
                 self.announced += 1
 
@@ -164,7 +183,9 @@ class Listening:
     def _frame(self, frame: Frame) -> None:
         header = frame.native
         self.frames.append((frame.arrival_host_ns, int(frame.body.size), header))
+        self.spoken = frame.dialect
         if header is None:
+            self._other_times(frame)
             self._stock_since = True
             self._gap(None, None)
             return
@@ -178,6 +199,13 @@ class Listening:
             self.no_stamp_us = max(self.no_stamp_us, header.stamp_age_us)
         if frame.pairs is not None:
             self._pairs(frame.pairs)
+
+    def _other_times(self, frame: Frame) -> None:
+        """Other firmware tells when the GAP8 has heard nothing of the STM32 yet."""
+        if frame.paper:
+            self.never_stamped += not frame.paper.heard
+        if frame.nanocockpit:
+            self.never_stamped += frame.nanocockpit.state_gap8_us == 0
 
     def _continue(self, header: NativeHeader) -> bool:
         """Judges what lies between the last numbered frame and this one. True: the GAP8 has restarted."""

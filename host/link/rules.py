@@ -30,6 +30,23 @@ RARE = 3
 STAMP_BYTES = 17
 
 
+UNSEEN = {
+    "stock": (
+        "without stamps and counters the clocks, UART1, the camera and dropped frames cannot be judged",
+        "this firmware sends neither",
+    ),
+    "paper": (
+        "without numbers and counters the clocks, UART1, the camera and dropped frames cannot be judged",
+        "this firmware sends a pose, and a time that is about 4 ms early",
+    ),
+    "nanocockpit": (
+        "without counters UART1, the camera and what drops frames cannot be judged",
+        "this firmware sends times and the sensor's number",
+    ),
+}
+"""By dialect, what cannot be seen and why."""
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One thing that is wrong, or (a note) that could not be judged."""
@@ -119,7 +136,8 @@ def time_wire(heard: Listening) -> Iterator[Finding]:
     missed = heard.stamps_missed if tap else grown["stamps_missed"]
     bad = heard.counters.bad_check + heard.counters.garbage_bytes if tap else grown["stamps_bad"]
     bad = max(0, bad - STAMP_BYTES * (heard.stm32_restarts + heard.gap8_restarts))  # cut in the middle
-    if not tap and len(numbered) >= 2 and heard.never_stamped == len(numbered):
+    told = len(heard.frames) if heard.spoken in ("paper", "nanocockpit") else len(numbered)
+    if not tap and told >= 2 and heard.never_stamped == told:
         todo = "Is the wire between the decks there? Does the STM32's firmware send time messages?"
         yield Finding("UART1", "problem", "no_stamps", "no time message has ever reached the GAP8", "", todo)
         return
@@ -177,7 +195,7 @@ def clocks(heard: Listening) -> Iterator[Finding]:
 def spi(heard: Listening) -> Iterator[Finding]:
     errors = heard.gap8.grown["spi_errors"], heard.esp32.grown["spi_errors"]
     causes = ["missing_data", "bad_crc", "overrun"]
-    if not heard.esp32.grown["frames_dropped"]:
+    if heard.numbered and not heard.esp32.grown["frames_dropped"]:
         causes.append("unexplained")  # else: the ESP32's next status will say
     broken = {cause: count(heard, cause) for cause in causes if count(heard, cause)}
     cut = heard.esp32.grown["frames_cut"]
@@ -254,6 +272,11 @@ def not_to_be_seen(heard: Listening) -> Iterator[Finding]:
     if heard.framing == "stamps" or not heard.frames or heard.numbered:
         return
     lost = {cause: number for cause, number in counters.frames_lost.items() if number and cause != "disconnected"}
+    skipped = lost.pop("unexplained", 0)
+    if skipped > LOST_SHARE * (skipped + len(heard.frames)):
+        evidence = f"the sensor counted {skipped} frames more than the {len(heard.frames)} that came"
+        todo = "Fewer or smaller frames, another channel, less distance: GAP8, SPI or Wi-Fi cannot carry them all."
+        yield Finding("Wi-Fi", "warning", "frames_skipped", "frames are left out", evidence, todo)
     if sum(lost.values()) >= RARE:
         evidence = ", ".join(f"{number} {cause}" for cause, number in lost.items())
         todo = "Firmware that speaks native would say where: GAP8, SPI, ESP32 or Wi-Fi."
@@ -263,13 +286,13 @@ def not_to_be_seen(heard: Listening) -> Iterator[Finding]:
         evidence = f"{len(slow)} pauses of up to {max(slow):.1f} s"
         todo = "The camera, the ESP32 or the Wi-Fi: firmware that speaks native would say which."
         yield Finding("Wi-Fi", "warning", "pauses", "the stream pauses", evidence, todo)
-    what = "without stamps and counters the clocks, UART1, the camera and dropped frames cannot be judged"
-    evidence, todo = "this firmware sends neither", "Use this project's firmware."
+    what, evidence = UNSEEN[heard.spoken]
+    todo = "Use this project's firmware."
     if heard.announced:
         refused = heard.dialect != "stock"
         evidence = "it announced native, and did not answer" if refused else "this firmware would send both"
         todo = "Do requests reach the GAP8? See SPI." if refused else "Listen without --dialect stock."
-    yield Finding("robot", "note", "stock", what, evidence, todo)
+    yield Finding("robot", "note", heard.spoken, what, evidence, todo)
 
 
 RULES = (silence, camera, restarts, time_wire, clocks, spi, uart2, wireless, this_host, not_to_be_seen)

@@ -56,7 +56,7 @@ class Session:
         """What the last frame was, whole or not."""
         self._stream = ffi.new("stream_t *")
         lib.stream_init(self._stream, FRAMINGS[framing])
-        if dialect != "auto":
+        if dialect not in ("auto", "stock"):
             rule = lib.STREAM_NANOCOCKPIT if dialect == "nanocockpit" else lib.STREAM_CPX
             lib.stream_set_rule(self._stream, rule)
         self._reported = [self._stream.events[i] for i in range(lib.STREAM_EVENTS)]
@@ -111,7 +111,7 @@ class Session:
     def request_camera(self, settings: CameraSettings) -> None:
         """Asks the GAP8 for these settings; a Reply says whether it took them. The paper's firmware has a message of
         its own, which nothing answers."""
-        spoken = self.spoken if self.dialect == "auto" else self.dialect
+        spoken = self.spoken if self.dialect in ("auto", "stock") else self.dialect
         if spoken == "nanocockpit":
             raise LocalError("NanoCockpit takes no camera settings: they are compiled into it")
         encode = encode_paper_camera if spoken == "paper" else encode_camera_request

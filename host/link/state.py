@@ -4,7 +4,7 @@ those of the caller.
 
 from __future__ import annotations
 
-from .records import Condition, Event, Frame, LostFrame, Stamp, State
+from .records import Condition, Event, Frame, LostFrame, NanocockpitStamp, PaperStamp, Stamp, State
 from .session import Session
 
 SILENT_NS = 2_000_000_000
@@ -73,7 +73,7 @@ class Watch:
             if isinstance(event, Frame):
                 self._began, self._whole_ns = True, now_ns
                 self._look_at_stamps(event)
-            elif isinstance(event, Stamp):
+            elif isinstance(event, Stamp | PaperStamp | NanocockpitStamp):
                 self._began, self._whole_ns = True, now_ns
             elif isinstance(event, LostFrame):
                 self._broken_ns = now_ns
@@ -112,11 +112,12 @@ class Watch:
         return "no_frames", self._whole_ns
 
     def _look_at_stamps(self, frame: Frame) -> None:
-        """A native frame says how old the GAP8's last stamp is; one without any has had its chance after a while."""
+        """A native frame says how old the GAP8's last stamp is; one without any has had its chance after a while. The
+        paper's says only that there was none yet."""
         native, now_ns = frame.native, frame.arrival_host_ns
-        if native is None:
+        if native is None and (frame.paper is None or frame.paper.heard):
             self._first_stampless_ns = self._stamps_since_ns = None
-        elif native.stamp_age_us is not None:
+        elif native is not None and native.stamp_age_us is not None:
             self._first_stampless_ns = None
             silent = native.stamp_age_us > STAMPS_SILENT_US
             if not silent:

@@ -118,6 +118,35 @@ def test_stock_firmware_is_asked_nothing() -> None:
     assert heard == packet(ECHO, b"\x5a\x0e")  # the one to the ESP32
 
 
+def test_the_papers_firmware_gets_its_own_message() -> None:
+    """Eight bytes, once; nothing answers."""
+    heard = b""
+
+    def answer(data: bytes) -> bytes:
+        nonlocal heard
+        heard += data
+        header = struct.pack("<BHHBBII7f", 0xBC, 8, 6, 1, 0, 48, 5, 0, 0, 0, 0, 0, 0, 1)
+        return packet(header, GAP8_APP) + packet(bytes(48), GAP8_APP)
+
+    with server(answer) as port:
+        code, told, err = deck("camera", "--port", port, "--exposure", "50", "--analog-gain", "8", "--burst", "3")
+        assert (code, told["status"], told["settings"]["exposure_lines"]) == (0, None, 50), err
+    with server(answer) as port:
+        code, _, err = deck("camera", "--port", port, "--exposure", "50", "--fps", "5")
+        assert code == 2
+        assert "no frame rate" in err
+    settings = packet(struct.pack("<BBBBHBB", 0, 0, 8, 64, 50, 3, 0), b"\x5c\x05")
+    assert heard == packet(ECHO, b"\x5a\x0e") + settings + packet(ECHO, b"\x5a\x0e")
+
+
+def test_camera_of_simulated_robots_with_other_firmware() -> None:
+    code, _, err = deck("camera", "--port", "sim://paper?pace=max", "--encoding", "jpeg", "--exposure", "100")
+    assert code == 0, err
+    code, _, err = deck("camera", "--port", "sim://nanocockpit?pace=max", "--encoding", "jpeg")
+    assert code == 4
+    assert "compiled into it" in err
+
+
 @pytest.mark.parametrize(
     ("answer", "greeting", "says"),
     [

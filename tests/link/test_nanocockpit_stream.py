@@ -153,7 +153,8 @@ def test_an_image_that_holds_an_image_of_it() -> None:
 
 def test_a_rule_that_was_set_stays() -> None:
     stream = b"".join(small(A, 1) + small(B, 2))
-    assert bodies(received(stream, dialect="stock")[0]) == []
+    assert bodies(received(stream, dialect="paper")[0]) == []
+    assert bodies(received(stream, dialect="stock")[0]) == [A, B]
     other = b"".join(stock(A, 12, 7) + stock(B, 12, 7))
     assert bodies(received(other, dialect="nanocockpit")[0]) == []
 

@@ -95,3 +95,25 @@ def test_other_wires_and_silence(settings, cause):
 def test_bytes_that_are_no_packets():
     heard = Listening("cpx-uart", counters=SessionCounters(bytes=1000, garbage_bytes=900))
     assert [finding.cause for finding in diagnose(heard).findings] == ["not_understood", "uart2_damage"]
+
+
+@pytest.mark.parametrize("firmware", ["paper", "nanocockpit"])
+def test_other_firmware_says_what_cannot_be_seen(firmware):
+    diagnosis = diagnose(listen(Case(firmware, "", (), {"firmware": firmware}), 1, SECONDS, **SMALL))
+    assert [finding.cause for finding in diagnosis.findings] == [firmware]
+    assert diagnosis.healthy
+    assert f"{firmware} frames" in diagnosis.rate
+
+
+@pytest.mark.parametrize(
+    ("firmware", "settings", "stage", "cause"),
+    [
+        ("paper", {"uart1_loss": 1}, "UART1", "no_stamps"),
+        ("nanocockpit", {"uart1_loss": 1}, "UART1", "no_stamps"),
+        ("nanocockpit", {"tcp_bytes_per_s": 100_000}, "Wi-Fi", "frames_skipped"),
+        ("paper", {"wire": "uart1", "stm32_divider": 84}, "clock", "clock_84_85"),
+    ],
+)
+def test_faults_of_other_firmware(firmware, settings, stage, cause):
+    found = diagnose(listen(Case(firmware, "", (), {"firmware": firmware, **settings}), 1, SECONDS, **SMALL)).findings
+    assert [(each.stage, each.cause) for each in found if each.severity != "note"] == [(stage, cause)]
