@@ -29,7 +29,7 @@ $(STAMP): $(VENV)/.dependencies setup.py host/native/build.py $(C_FILES)
 	touch $@
 
 stream: $(STAMP)
-	$(VENV)/bin/host stream --port sim://hover --count 60
+	$(VENV)/bin/host stream --port sim://hover --count 60 --picture "$$(mktemp -d)/last-frame.png"
 
 test: lint fast sanitize fuzz wheel
 

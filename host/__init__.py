@@ -9,8 +9,6 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .link.ports import Stream
-    from .link.ports import open_stream as open  # noqa: A004 - host.open is the name that users know
     from .link.records import (
         LOSS_CAUSES,
         Announced,
@@ -33,12 +31,14 @@ if TYPE_CHECKING:
         Status,
     )
     from .link.session import Session
+    from .link.stream import Stream
+    from .link.stream import open_stream as open  # noqa: A004 - host.open is the name that users know
     from .protocol.errors import ConnectionLostError, LocalError, PeerError, PeerSilentError, SpindeckError
     from .protocol.packets import CameraSettings
 
 _HOME = {
-    "open": ("link.ports", "open_stream"),
-    "Stream": ("link.ports", "Stream"),
+    "open": ("link.stream", "open_stream"),
+    "Stream": ("link.stream", "Stream"),
     "Session": ("link.session", "Session"),
     "CameraSettings": ("protocol.packets", "CameraSettings"),
     **{

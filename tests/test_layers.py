@@ -24,9 +24,20 @@ RULES: list[tuple[str, set[str], set[str]]] = [
     ("host.protocol.dissect", {"host.protocol.spec"}, IO | {"numpy"}),
     ("host.protocol.explain", {"host.protocol.spec", "host.protocol.dissect"}, IO | {"numpy"}),
     ("host.protocol", {"host.protocol.packets", "host.protocol.codec", "host.protocol.errors", "host.native"}, IO),
+    ("host.link.stream", {"host.link", "host.protocol", "host.native"}, set()),
     *(
         (f"host.link.{name}", {"host.link", "host.protocol", "host.native"}, set())
-        for name in ("access", "discovery", "ports", "recording", "recover", "replay", "replay_server", "serial")
+        for name in (
+            "access",
+            "discovery",
+            "ports",
+            "recording",
+            "recover",
+            "replay",
+            "replay_server",
+            "serial",
+            "stream",
+        )
     ),
     (
         "host.link",

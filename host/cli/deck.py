@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..link.deck import Heard
-    from ..link.ports import Stream
+    from ..link.stream import Stream
     from ..protocol.packets import CameraSettings
 
 CAMERA = """\

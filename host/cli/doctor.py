@@ -14,7 +14,7 @@ from .stream import positive
 if TYPE_CHECKING:
     from ..link.diagnosis import Diagnosis
     from ..link.listening import Listening
-    from ..link.ports import Stream
+    from ..link.stream import Stream
 
 EXIT_ILL = 4
 WAIT_NS = 1_000_000

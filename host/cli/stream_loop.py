@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
-    from host.link.ports import Stream
+    from host.link.stream import Stream
     from host.link.track import Track
     from sim.truth import Stamped
 
