@@ -21,6 +21,18 @@ def block(language: str, containing: str) -> str:
     return found[0]
 
 
+def host(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """The command, to its end."""
+    return subprocess.run(
+        [sys.executable, "-m", "host", *words],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+
+
 def test_python_example() -> None:
     result = subprocess.run(
         [sys.executable, "-c", block("python", "host.open")], capture_output=True, text=True, timeout=120, cwd=ROOT
@@ -49,14 +61,7 @@ def test_commands(command: str, tmp_path: Path) -> None:
         word + ("&pace=max" if "?" in word else "?pace=max") if word.startswith("sim://") else word
         for word in shlex.split(command, comments=True)
     ]
-    result = subprocess.run(
-        [sys.executable, "-m", "host", *words, "--count", "2", "--json"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
+    result = host(*words, "--count", "2", "--json", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert '"event":"summary"' in result.stdout
 
@@ -64,14 +69,7 @@ def test_commands(command: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("command", re.findall(r"^\.venv/bin/host (doctor .*sim://.*)$", README, re.MULTILINE))
 def test_doctor(command: str, tmp_path: Path) -> None:
     words = [f"{word}&pace=max" if word.startswith("sim://") else word for word in shlex.split(command)]
-    result = subprocess.run(
-        [sys.executable, "-m", "host", *words, "--duration", "10"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
+    result = host(*words, "--duration", "10", cwd=tmp_path)
     assert result.returncode == 4, result.stderr
     assert '"cause":"uart1_loss"' in result.stdout
 

@@ -96,7 +96,7 @@ def test_no_permission_as_it_happens(terminal):
     _, path = terminal
     Path(path).chmod(0o600)
     code = (
-        "import grp, os, pwd, serial, host, host.link.ports; os.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
+        "import grp, os, pwd, serial, host, host.link.stream; os.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
         f"try: host.open({path!r})\n"
         "except host.LocalError as error: print(error)"
     )
