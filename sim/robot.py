@@ -29,9 +29,9 @@ COUNTERS = {
         *["spi_errors", "packets_dropped", "packets_unknown", "requests_refused"],
     ],
     "esp32": [
-        *["frames_forwarded", "frames_dropped", "frames_cut", "packets_forwarded", "packets_dropped"],
-        *["packets_unroutable", "packets_unsent", "spi_errors", "wifi_refused", "gap8_resets", *UART2_COUNTERS],
-        *["tcp_rx.packets_in", "tcp_rx.skipped_bytes"],
+        *["frames_forwarded", "frames_dropped", "frames_cut", "frames_unasked", "packets_forwarded"],
+        *["packets_dropped", "packets_unroutable", "packets_unsent", "spi_errors", "wifi_refused", "gap8_resets"],
+        *[*UART2_COUNTERS, "tcp_rx.packets_in", "tcp_rx.skipped_bytes"],
     ],
 }
 """The apps' counters by the names in their structs; a dot becomes an underscore."""

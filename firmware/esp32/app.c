@@ -71,9 +71,8 @@ static bool route(esp32_t *self, const cpx_packet_t *packet, esp32_port_t from, 
         return false;
     }
     self->packets_forwarded++;
-    native_stream_t stream;
-    if (has_route(packet, CPX_HOST, CPX_GAP8) && native_stream_decode(packet->data, &stream) > 0) {
-        self->frame_data_max = stream.data_max == 0 ? CPX_DATA_MAX : stream.data_max;
+    if (has_route(packet, CPX_HOST, CPX_GAP8)) {
+        esp32_images_asked(self, packet->data);
     }
     return true;
 }

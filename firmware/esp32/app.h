@@ -3,7 +3,8 @@
 /// Every queue is bounded. A frame from the GAP8 is taken whole or dropped whole, decided at its first packet
 /// by whether all of it fits the image buffer: so a slow or stalled TCP connection never holds up the STM32's
 /// packets and never cuts a frame. Packets of the STM32 overtake image packets. Nothing of an old connection
-/// reaches a new client. Faults of the stock router that are not repeated here: docs/DESIGN.md, "ESP32".
+/// reaches a new client, and nothing native one that has not asked for it. Faults of the stock router that
+/// are not repeated here: docs/DESIGN.md, "ESP32".
 #ifndef SPINDECK_ESP32_APP_H
 #define SPINDECK_ESP32_APP_H
 
@@ -89,7 +90,8 @@ typedef struct {
     bool network_up;
     bool network_started; ///< the driver has been told the present settings
     bool client;
-    bool native; ///< the host has asked for status messages
+    bool native;   ///< the host has asked for status messages
+    bool requests; ///< it has sent the GAP8 a native request: replies are for it
     uint8_t ssid[32];
     uint8_t ssid_size;
     uint8_t key[64];
@@ -115,7 +117,7 @@ typedef struct {
     uint16_t bridged_fill;
     esp32_images_t images;
     bool frame_native;
-    uint16_t frame_data_max;  ///< longest CPX data of a native frame: what the host has asked for
+    uint16_t frame_data_max;  ///< longest CPX data of a native frame; 0: this host has not asked for any
     uint32_t frame_left;      ///< body bytes still to come from the GAP8
     uint32_t frame_ring_left; ///< bytes of the ring that they will take
     uint64_t client_next_us;
@@ -123,11 +125,13 @@ typedef struct {
     uint32_t frames_forwarded;
     uint32_t frames_dropped;
     uint32_t frames_cut;
+    uint32_t frames_unasked; ///< native, for a host that has not asked: held back
     uint32_t packets_forwarded;
     uint32_t packets_dropped;
     uint32_t packets_unroutable; ///< no such end, no way to it, or for the ESP32 and unknown to it
     uint32_t packets_empty;      ///< without data: the stock router drops them too
-    uint32_t packets_unsent;     ///< for a host that is not there, has gone, or came in the middle of a frame
+    uint32_t packets_unsent; ///< for a host that is not there, has gone, came in the middle of a frame, or
+                             ///< has not asked for native
     uint32_t spi_errors;
     uint32_t wifi_refused; ///< settings that cannot be used (key of 1..7 characters, too long a name)
     uint32_t gap8_resets;

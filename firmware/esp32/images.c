@@ -1,5 +1,14 @@
 #include "parts.h"
 
+void esp32_images_asked(esp32_t *self, bytes_t in) {
+    native_stream_t stream;
+    self->requests = self->requests || in.data[0] == NATIVE_MAGIC;
+    // Back to stock: the frame under way stays native, and the host understands it.
+    if (native_stream_decode(in, &stream) > 0 && stream.dialect != 0) {
+        self->frame_data_max = stream.data_max == 0 ? CPX_DATA_MAX : stream.data_max;
+    }
+}
+
 void esp32_images_reset(esp32_t *self) {
     while (self->image_fill > 0) {
         const size_t left = self->image_packet_left > 0 ? self->image_packet_left : esp32_ring_packet(self);
@@ -9,7 +18,8 @@ void esp32_images_reset(esp32_t *self) {
         self->packets_unsent++;
     }
     self->images = IMAGES_LOST;
-    self->frame_data_max = CPX_DATA_MAX;
+    self->frame_data_max = 0;
+    self->requests = false;
 }
 
 static size_t ring_bytes(const cpx_packet_t *packet) {
@@ -69,6 +79,14 @@ static void give_up(esp32_t *self) {
     self->images = IMAGES_LOST;
 }
 
+/// The GAP8 has not heard that the host which wanted native frames has gone.
+static void hold_back(esp32_t *self) {
+    give_up(self);
+    self->frames_unasked++;
+    self->packets_unsent++;
+    esp32_tell_new_client(self);
+}
+
 static void take_body(esp32_t *self, const cpx_packet_t *packet, size_t body_bytes) {
     const size_t size = ring_bytes(packet);
     const bool fits = self->images == IMAGES_DROPPING || esp32_ring_free(self) >= size;
@@ -95,6 +113,12 @@ static void take_pairs(esp32_t *self, const cpx_packet_t *packet) {
     } else {
         self->packets_dropped++;
     }
+}
+
+/// Of a native frame, even if it is damaged.
+static bool is_native(bytes_t in) {
+    return in.size >= 2 && in.data[0] == NATIVE_MAGIC && in.data[1] >= NATIVE_FRAME &&
+           in.data[1] <= NATIVE_PAIRS;
 }
 
 /// Packets whose first bytes say what they are.
@@ -139,21 +163,26 @@ bool esp32_images_take(esp32_t *self, const cpx_packet_t *packet) {
     }
     native_frame_t native;
     if ((in.size == NATIVE_FRAME_BYTES || !in_stock) && native_frame_decode(in, &native) > 0) {
-        start_native(self, packet, &native);
+        if (self->frame_data_max == 0) {
+            hold_back(self);
+        } else {
+            start_native(self, packet, &native);
+        }
         return true;
     }
     native_reply_t reply;
     if (in.size == NATIVE_REPLY_BYTES && native_reply_decode(in, &reply) > 0) {
-        return false;
+        self->packets_unsent += !self->requests;
+        return !self->requests;
     }
     if (in_stock) {
         take_body(self, packet, in.size);
         return true;
     }
-    if (take_native(self, packet, in_frame)) {
+    if (self->frame_data_max > 0 && take_native(self, packet, in_frame)) {
         return true;
     }
-    if (self->images == IMAGES_LOST) {
+    if (self->images == IMAGES_LOST || (self->frame_data_max == 0 && is_native(in))) {
         self->packets_unsent++;
         return true;
     }

@@ -36,24 +36,31 @@ static void tell(esp32_t *self, uint8_t target, uint8_t function, bytes_t data) 
     self->packets_dropped += send(self, target, function, data) ? 0 : 1;
 }
 
-static void tell_client(esp32_t *self, uint8_t target) {
-    const uint8_t data[] = {WIFI_CLIENT_CONNECTED, self->client};
+static void tell_client(esp32_t *self, uint8_t target, bool client) {
+    const uint8_t data[] = {WIFI_CLIENT_CONNECTED, client};
     tell(self, target, CPX_WIFI_CTRL, (bytes_t){data, sizeof data});
 }
 
 void esp32_tell_client(esp32_t *self) {
-    tell_client(self, CPX_GAP8);
+    tell_client(self, CPX_GAP8, self->client);
     if (!self->config.host_on_uart) {
-        tell_client(self, CPX_STM32);
+        tell_client(self, CPX_STM32, self->client);
     }
 }
 
 void esp32_repeat_client(esp32_t *self) {
     if (self->to_spi.fill == 0) {
-        tell_client(self, CPX_GAP8);
+        tell_client(self, CPX_GAP8, self->client);
     }
     if (self->to_uart.fill == 0 && !self->config.host_on_uart) {
-        tell_client(self, CPX_STM32);
+        tell_client(self, CPX_STM32, self->client);
+    }
+}
+
+void esp32_tell_new_client(esp32_t *self) {
+    if (self->to_spi.fill == 0) {
+        tell_client(self, CPX_GAP8, false);
+        tell_client(self, CPX_GAP8, true);
     }
 }
 

@@ -30,7 +30,9 @@ size_t esp32_ring_packet(const esp32_t *self);
 /// A packet of function APP from the GAP8 to the host: true when it belongs to the image stream, and has been
 /// put into the ring or dropped; false when it is to be routed as any other.
 bool esp32_images_take(esp32_t *self, const cpx_packet_t *packet);
-/// Forgets the frame under way and empties the ring.
+/// Data of a packet of function APP from the host to the GAP8: what the host asks for, it may get.
+void esp32_images_asked(esp32_t *self, bytes_t in);
+/// For another host: forgets the frame under way and what was asked for, and empties the ring.
 void esp32_images_reset(esp32_t *self);
 
 void esp32_bridge_init(esp32_t *self);
@@ -48,6 +50,8 @@ bool esp32_local(esp32_t *self, const cpx_packet_t *packet, uint64_t now_us);
 void esp32_tell_client(esp32_t *self);
 /// Likewise, but only to whom nothing else waits to be told.
 void esp32_repeat_client(esp32_t *self);
+/// To the GAP8, which has missed that the host before this one went: gone, and here. Likewise.
+void esp32_tell_new_client(esp32_t *self);
 /// To the GAP8 and the STM32: our address as a station.
 void esp32_tell_address(esp32_t *self, const uint8_t address[4]);
 void esp32_tell_boot(esp32_t *self);

@@ -57,7 +57,9 @@ def test_a_host_on_uart2_is_there_when_it_is_heard() -> None:
 
 def test_images_go_to_a_host_on_uart2_in_pieces_that_can_be_joined() -> None:
     app = on_uart()
-    app.receive("UART2", CREDIT, 0)
+    give(app, "UART2", cpx(HOST, GAP8, APP, NATIVE_REQUEST + b"\0\0"))
+    from_spi(app)
+    app.uart_bytes("UART2", 0)  # the credit for it
     frames = [*stock_frame(324, 24, 1), *native_frame(1000, 2, 50)]
     give_all(app, frames)
     joined, part = [], b""
