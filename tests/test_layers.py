@@ -21,7 +21,7 @@ RULES: list[tuple[str, set[str], set[str]]] = [
     ("host.native", {"host.native", "host.protocol.errors"}, IO | {"numpy"}),
     ("host.protocol.errors", set(), IO | {"numpy"}),
     ("host.protocol.spec", {"host.protocol.spec"}, IO | {"numpy"}),
-    ("host.protocol.dissect", {"host.protocol.spec"}, IO | {"numpy"}),
+    ("host.protocol.dissect", {"host.protocol.spec", "host.protocol.dissect"}, IO | {"numpy"}),
     ("host.protocol.explain", {"host.protocol.spec", "host.protocol.dissect"}, IO | {"numpy"}),
     ("host.protocol", {"host.protocol.packets", "host.protocol.codec", "host.protocol.errors", "host.native"}, IO),
     ("host.link.stream", {"host.link", "host.protocol", "host.native"}, set()),

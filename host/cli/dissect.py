@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..protocol.errors import LocalError
+from ..protocol.errors import LocalError, PeerError
 
 if TYPE_CHECKING:
-    from ..protocol.dissect import Framing, Piece
-    from ..protocol.explain import Field, Meaning
+    from ..protocol.dissect.fields import Field, Meaning
+    from ..protocol.dissect.piece import Framing, Piece
 
 EXAMPLES = """\
 input:
@@ -22,16 +22,20 @@ input:
   FILE.mcap: what a recording has received (host stream --record); --robot N chooses which
 
 framings (guessed when not given):
-  tcp       CPX over TCP, port 5000: length, route, data
-  cpx-uart  UART2: FF, length, route, data, check; credits
-  stamps    UART1: stamp messages
-  spi       one line of the SPI between GAP8 and ESP32
+  tcp              CPX over TCP, port 5000: length, route, data
+  nanocockpit      NanoCockpit over TCP: likewise, but the length leaves out the route, and packets are longer
+  cpx-uart         UART2: FF, length, route, data, check; credits
+  stamps           UART1: the time messages of native firmware, of the paper's and of NanoCockpit's
+  spi              one line of the SPI between GAP8 and ESP32
+  nanocockpit-spi  likewise, with NanoCockpit's packets
+Stock, paper and native firmware share CPX: which one it is, each packet says.
 
 examples:
   host dissect capture.bin
   echo "ff 04 0a 04 20 01 d4" | host dissect - --hex
   host dissect flight1.mcap --json | grep wifi
 """
+FRAMINGS: list[Framing] = ["tcp", "nanocockpit", "cpx-uart", "stamps", "spi", "nanocockpit-spi"]
 GARBAGE_SHOWN = 16
 LIKELY = 0.02
 """Less than this is found in random bytes too."""
@@ -49,7 +53,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     add = this.add_argument
     add("file", metavar="FILE", help="the capture; - for stdin")
-    add("--framing", choices=["tcp", "cpx-uart", "stamps", "spi"], help="what the bytes are (default: guessed)")
+    add("--framing", choices=FRAMINGS, help="what the bytes are (default: guessed)")
     add("--hex", action="store_true", help="FILE is hexadecimal text")
     add("--robot", type=int, metavar="N", help="of a recording (default: its first)")
     add("--brief", action="store_true", help="one line a packet, without its fields")
@@ -68,34 +72,60 @@ def run(arguments: argparse.Namespace) -> int:
         raise LocalError(
             f"host dissect needs {error.name}, which is not installed: pip install 'spindeck[spec]'"
         ) from error
-    data, framing = read(arguments)
-    if framing is None:
-        framing, part = dissect.guess(data)
+    data, framings = read(arguments)
+    if not data:
+        raise LocalError(f"{arguments.file}: empty: there is not one byte to dissect")
+    framing = framings[0]
+    if len(framings) > 1:
+        framing, part = dissect.guess(data, framings)
         explains = f"it explains {part:.0%} of the first bytes" if part >= LIKELY else "and nothing looks like it"
         print(f"framing {framing}, guessed, {explains}", file=sys.stderr)
     explainer = explain.Explainer(framing, arguments.show_keys)
     total = Summary(framing)
     for piece in dissect.split(data, framing):
         meaning = explainer.explain(piece)
-        name = explain.NAMES.get(piece.content.route.function, "unknown") if piece.kind == "packet" else piece.kind
+        name = piece.layout or piece.kind
+        if piece.kind == "packet":
+            name = explain.NAMES.get(piece.content.route.function, "unknown")
         total.add(piece, name)
         if arguments.json:
             print(line(record(piece, name, meaning, data)))
         else:
             print_piece(piece, name, meaning, data, arguments.brief)
     total.print(as_json=arguments.json)
+    sys.stdout.flush()  # before the error
+    garbage = total.garbage
+    if garbage is not None and total.understood < LIKELY * len(data):
+        raise PeerError(
+            f"{arguments.file}: {total.bytes['garbage']} of {len(data)} bytes are garbage, from byte {garbage.offset} "
+            f"on: {garbage.about}. {tried(data, framings)}"
+        )
     return 0
 
 
-def read(arguments: argparse.Namespace) -> tuple[bytes, Framing | None]:
-    """The captured bytes and what they are, if that is known. LocalError when they cannot be had."""
+def tried(data: bytes, framings: list[Framing]) -> str:
+    """What the bytes were taken for, and what else they may be."""
+    from ..protocol import dissect
+
+    if len(framings) > 1:
+        return f"Tried: {', '.join(framings)}"
+    best, part = dissect.guess(data)
+    if part >= LIKELY:
+        return f"Read as {framings[0]}; they look like {best}: --framing {best}"
+    return f"Tried: {framings[0]} as told, and {', '.join(each for each in dissect.SPLITTERS if each != framings[0])}"
+
+
+def read(arguments: argparse.Namespace) -> tuple[bytes, list[Framing]]:
+    """The captured bytes and what they may be. LocalError when they cannot be had."""
+    told: list[Framing] = [arguments.framing] if arguments.framing else []
     if arguments.file.endswith(".mcap"):
         from ..link.replay import Recording
 
         recording = Recording(arguments.file)
         try:
             source = recording.source(arguments.robot)
-            return b"".join(data for _, data in recording.reads(source)), arguments.framing or source.framing
+            may_be: list[Framing] = ["tcp", "nanocockpit"] if source.framing == "tcp" else [source.framing]
+            return b"".join(data for _, data in recording.reads(source)), told or may_be
         finally:
             recording.close()
     if arguments.robot is not None:
@@ -104,7 +134,8 @@ def read(arguments: argparse.Namespace) -> tuple[bytes, Framing | None]:
         raw = sys.stdin.buffer.read() if arguments.file == "-" else Path(arguments.file).read_bytes()
     except OSError as error:
         raise LocalError(f"{arguments.file}: {error.strerror}") from error
-    return from_hex(raw.decode("utf-8", "replace"), arguments.file) if arguments.hex else raw, arguments.framing
+    data = from_hex(raw.decode("utf-8", "replace"), arguments.file) if arguments.hex else raw
+    return data, told or list(FRAMINGS)
 
 
 def from_hex(text: str, name: str) -> bytes:
@@ -137,8 +168,16 @@ class Summary:
         self.framing = framing
         self.bytes: Counter[str] = Counter()
         self.pieces: Counter[str] = Counter()
+        self.garbage: Piece | None = None
+        """The first."""
+        self.understood = 0
+        """Bytes: all but garbage and what is cut off at the end."""
 
     def add(self, piece: Piece, name: str) -> None:
+        if piece.kind == "garbage":
+            self.garbage = self.garbage or piece
+        elif piece.kind != "truncated":
+            self.understood += piece.size
         self.bytes[name] += piece.size
         self.pieces[name] += 1
 
@@ -202,8 +241,12 @@ def headline(piece: Piece, name: str, meaning: Meaning) -> str:
 def field_lines(each: Field) -> Iterator[str]:
     """A field and its meaning; a list, one of its rows a line."""
     if isinstance(each.value, list):
-        for row in each.value:
+        rows = [row for row in each.value if isinstance(row, dict)]
+        numbers = [str(number) for number in each.value if not isinstance(number, dict)]
+        for row in rows:
             yield ", ".join(f"{name} {value}" for name, value in row.items())
+        if numbers:
+            yield f"{each.name:<18} {' '.join(numbers):<22} {each.meaning}".rstrip()
         return
     value = each.words if each.value is None else f"{each.value}{f' {each.words}' * bool(each.words)}"
     yield f"{each.name:<18} {value:<22} {each.meaning}".rstrip()

@@ -77,9 +77,11 @@ class Session:
         self._pairs_received = 0
         self._pairs_lost = 0
         self._pairs_lost_gap8: tuple[int, int] | None = None
+        self._finished = False
 
     def receive(self, data: bytes | memoryview, arrival_host_ns: int) -> list[Event]:
-        """The events that these bytes complete, in their order."""
+        """The events that these bytes complete, in their order. LocalError after finish()."""
+        self._judge_open()
         events: list[Event] = []
         stream, size = self._stream, len(data)
         # Bytes in the middle of a packet may have waited for this read: that is no silence on the line.
@@ -100,7 +102,9 @@ class Session:
         self._ask(now_ns)
 
     def finish(self, arrival_host_ns: int | None = None) -> list[Event]:
-        """The stream has ended: the last events. The session takes no more bytes."""
+        """The stream has ended: the last events. The session takes no more bytes, and does not end again."""
+        self._judge_open()
+        self._finished = True
         arrival = arrival_host_ns if arrival_host_ns is not None else self._heard_ns or 0
         events: list[Event] = []
         while lib.stream_finish(self._stream):
@@ -181,6 +185,10 @@ class Session:
         if self._pairs_lost_gap8 is not None:
             counters.pairs_lost += self._pairs_lost_gap8[1] - self._pairs_lost_gap8[0]
         return counters
+
+    def _judge_open(self) -> None:
+        if self._finished:
+            raise LocalError("this session has ended with finish(): make a new one for a new connection")
 
     def _pass_time(self, now_ns: int, on_line: bool) -> None:
         if on_line and self._heard_ns is not None:

@@ -1,18 +1,18 @@
-"""What the packets of a capture say: fields by name, with their values in words where they are codes.
+"""What the packets of a capture say, and the messages on UART1.
 
 Images and messages go over several packets: an Explainer is given the pieces of one capture in their order.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
-from construct import Array, ConstructError, Int8ul, Struct
+from construct import ConstructError, Int8ul, Struct
 
-from .dissect import Framing, Piece
+from .dissect.buffers import Buffers
+from .dissect.fields import Field, Meaning, data_field, fields_of, parsed_or_none, unreadable
+from .dissect.piece import Framing, Piece
 from .spec import control, cpx, image, native, paper, tables
 from .spec.values import Value
 
@@ -29,42 +29,24 @@ HEADERS: dict[str, Any] = {
     "stock image header": image.STOCK_HEADER,
     "image header of the paper's firmware": paper.HEADER,
 }
+STAMPS = {
+    "stamp": "stamp message",
+    "paper stamp": "time message of the paper's firmware",
+    "nanocockpit state": "NanoCockpit's state",
+    "nanocockpit noise": "NanoCockpit's random number",
+    "nanocockpit ranges": "NanoCockpit's distances",
+}
+"""By the layout of a message on UART1."""
 BY_COMMAND: dict[str, tuple[Any, tuple[Value, ...]]] = {
     "SYSTEM": (control.SYSTEM, control.SYSTEM_COMMANDS),
     "WIFI_CTRL": (control.WIFI_CTRL, control.WIFI_COMMANDS),
 }
 TEST = Struct("command" / Int8ul * "0 discard, 1 send back, 2 send many")
 BOOTLOADER = Struct("command" / Int8ul * "6 starts the application")
-CODES: dict[str, tuple[Value, ...]] = {
-    "encoding": image.ENCODINGS,
-    "type": image.ENCODINGS,
-    "request": native.KINDS,
-    "dialect": (Value(0, "stock", ""), Value(1, "native", "")),
-}
 NAMES = {function.number: function.name.removeprefix("CPX_") for function in cpx.FUNCTIONS}
 TARGETS = {target.number: target.name.removeprefix("CPX_") for target in cpx.TARGETS}
 UART_PIECE = 98
 """Longer data comes in pieces of this size on UART2."""
-
-
-class Field(NamedTuple):
-    """One decoded field."""
-
-    name: str
-    value: Any
-    """As JSON can hold it."""
-    meaning: str
-    """With the unit; from the specification."""
-    words: str = ""
-    """Of a code."""
-
-
-@dataclass
-class Meaning:
-    """Of one packet."""
-
-    about: str
-    fields: list[Field] = field(default_factory=list)
 
 
 @dataclass
@@ -80,6 +62,7 @@ class Explainer:
     native_bytes: int = 0
     joined: bytes = b""
     joined_route: tuple[int, int] | None = None
+    buffers: Buffers = field(default_factory=Buffers)
 
     def explain(self, piece: Piece) -> Meaning:
         """Of any piece."""
@@ -88,7 +71,7 @@ class Explainer:
         if piece.content is None:
             return Meaning(piece.about)
         if piece.kind == "stamp":
-            return Meaning("stamp message", list(fields_of(tables.LAYOUTS["stamp"], piece.content)))
+            return Meaning(STAMPS[piece.layout], list(fields_of(tables.LAYOUTS[piece.layout], piece.content)))
         route, data = piece.content.route, bytes(piece.content.data)
         name = NAMES.get(route.function, "")
         if route.version != cpx.VERSION or not name:
@@ -107,6 +90,8 @@ class Explainer:
         if name in ("TEST", "BOOTLOADER"):
             struct = TEST if name == "TEST" else BOOTLOADER
             return Meaning(name.lower(), [*fields_of(struct, struct.parse(data)), *data_field(data[1:])])
+        if self.framing in ("nanocockpit", "nanocockpit-spi"):
+            return self.buffers.explain(data)
         return Meaning("of NanoCockpit firmware", data_field(data))
 
     def command(self, function: str, data: bytes) -> Meaning:
@@ -204,45 +189,3 @@ class Explainer:
             known = f" of {self.native_bytes}" if parsed.frame_low == self.native_low else ", its header is not here"
             about = f"native data of frame {parsed.frame_low}, bytes {parsed.offset}..{end - 1}{known}"
         return Meaning(about, list(fields_of(struct, parsed)))
-
-
-def parsed_or_none(struct: Any, data: bytes) -> Any:
-    try:
-        return struct.parse(data)
-    except ConstructError:
-        return None
-
-
-def unreadable(about: str, data: bytes, error: Exception) -> Meaning:
-    """Its start is right and the rest is not."""
-    reason = next((line for line in str(error).splitlines() if line and not line.startswith("Error in path")), "")
-    return Meaning(f"{about}, unreadable: {reason or type(error).__name__}", data_field(data))
-
-
-def data_field(data: bytes) -> list[Field]:
-    """What has no names inside."""
-    return [Field("data", data.hex(), f"{len(data)} bytes")] if data else []
-
-
-def fields_of(struct: Any, parsed: Any) -> Iterator[Field]:
-    """Every field that says something; constants, spare bytes and bodies do not."""
-    for each in tables.fields(struct):
-        if not each.name or tables.constant(each) or each.name not in parsed:
-            continue
-        value = parsed[each.name]
-        if isinstance(value, bytes):
-            continue
-        if isinstance(tables.unwrap(each), Array):
-            rows = [{name: number for name, number in row.items() if not name.startswith("_")} for row in value]
-            yield Field(each.name, rows, "")
-            continue
-        if isinstance(value, float) and not math.isfinite(value):
-            value = str(value)  # which JSON has no number for
-        yield Field(each.name, value, each.docs, words(each.name, value))
-
-
-def words(name: str, value: int) -> str:
-    """Of a code: its name, or its names when it is a sum of flags."""
-    if name == "flags":
-        return ", ".join(flag.name.removeprefix("FRAME_") for flag in native.FLAGS if value & flag.number) or "none"
-    return next((code.name.partition("_")[2] or code.name for code in CODES.get(name, ()) if code.number == value), "")

@@ -91,12 +91,50 @@ def test_wrong_input_is_told_in_one_line(words: list[str], stdin: bytes, says: s
     assert err.count("\n") == 1
 
 
-def test_garbage_and_nothing_at_all() -> None:
+def test_garbage_is_printed_and_an_error_of_who_sent_it() -> None:
     code, out, err = dissect("-", stdin=b"hello, world")
-    assert code == 0
+    assert code == 4
     assert "garbage: " in out
     assert "nothing looks like it" in err
-    assert dissect("-")[1] == "0 bytes, tcp:\n"
+    last = err.splitlines()[-1]
+    assert last.startswith("host: -: 12 of 12 bytes are garbage, from byte 0 on: length 25960")
+    assert last.endswith("Tried: tcp, nanocockpit, cpx-uart, stamps, spi, nanocockpit-spi")
+    code, out, err = dissect("-", "--framing", "stamps", "--json", stdin=CONNECT * 3)
+    assert code == 4
+    assert [json.loads(line)["event"] for line in out.splitlines()] == ["garbage", "summary"]
+    assert err.endswith("Read as stamps; they look like cpx-uart: --framing cpx-uart\n")
+
+
+@pytest.mark.parametrize("stdin", [CONNECT + b"hello", b"hello" + CONNECT, CONNECT[:4], bytes(40)])
+def test_what_makes_some_sense_is_no_error(stdin: bytes) -> None:
+    assert dissect("-", stdin=stdin)[0] == 0
+
+
+@pytest.mark.parametrize(("words", "stdin"), [([], b""), (["--hex"], b"  # nothing\n"), (["--framing", "tcp"], b"")])
+def test_an_empty_capture_is_no_guess(words: list[str], stdin: bytes) -> None:
+    assert dissect("-", *words, stdin=stdin) == (2, "", "host: -: empty: there is not one byte to dissect\n")
+
+
+@pytest.mark.parametrize(
+    ("scenario", "framing", "about"),
+    [
+        ("nanocockpit", "nanocockpit", "image, bytes 0..4075 of 25748"),
+        ("nanocockpit?wire=uart1", "stamps", "NanoCockpit's state"),
+        ("paper", "tcp", "image header of the paper's firmware"),
+        ("paper?wire=uart1", "stamps", "time message of the paper's firmware"),
+    ],
+)
+def test_recordings_of_other_firmware(scenario: str, framing: str, about: str, tmp_path: Path) -> None:
+    file = tmp_path / "flight.mcap"
+    port = f"sim://{scenario}{'&' if '?' in scenario else '?'}pace=max"
+    words = ["stream", "--port", port, "--duration", "0.6", "--record", str(file)]
+    subprocess.run([sys.executable, "-m", "host", *words], cwd=ROOT, check=True, capture_output=True, timeout=120)
+    code, out, err = dissect(str(file), "--json")
+    assert code == 0, err
+    *pieces, summary = [json.loads(line) for line in out.splitlines()]
+    assert summary["framing"] == framing
+    assert about in [piece["about"] for piece in pieces]
+    assert {piece["event"] for piece in pieces[:-1]} <= {"packet", "stamp"}
 
 
 def test_without_construct_it_says_what_to_install() -> None:
@@ -107,7 +145,8 @@ def test_without_construct_it_says_what_to_install() -> None:
 
 
 def test_a_reader_that_has_enough() -> None:
-    command = f"head -c 200000 /dev/zero | {sys.executable} -m host dissect - --framing stamps --json | head -1"
+    credits_ = f"{sys.executable} -c 'import sys; sys.stdout.buffer.write(bytes([255, 0]) * 100000)'"
+    command = f"{credits_} | {sys.executable} -m host dissect - --framing cpx-uart --json | head -1"
     result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=ROOT, timeout=120)
-    assert json.loads(result.stdout)["event"] == "garbage"
+    assert json.loads(result.stdout)["event"] == "credit"
     assert result.stderr == ""

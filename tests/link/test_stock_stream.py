@@ -19,7 +19,8 @@ from made_streams import (
 )
 
 from host.link.records import Announced, Console, Frame, Garbage, LostFrame, Packet, Reply, decode_jpeg
-from host.protocol.errors import PeerError
+from host.link.session import Session
+from host.protocol.errors import LocalError, PeerError
 
 A, B, C = (pixels(8, 5, seed) for seed in (1, 2, 3))
 FRAME_A, FRAME_B, FRAME_C = (b"".join(stock(body, 8, 5, piece=17)) for body in (A, B, C))
@@ -228,3 +229,15 @@ def test_a_body_belongs_to_the_caller() -> None:
     assert isinstance(second, Frame)
     first.body[:] = 0
     assert second.body.tobytes() == B
+
+
+def test_a_session_that_has_ended_takes_nothing_more() -> None:
+    session = Session()
+    session.receive(FRAME_A, 1)
+    session.finish()
+    bytes_before = session.bytes_received
+    with pytest.raises(LocalError, match="make a new one"):
+        session.receive(FRAME_B, 2)
+    with pytest.raises(LocalError, match="make a new one"):
+        session.finish()
+    assert session.bytes_received == bytes_before

@@ -211,7 +211,7 @@ def test_stamps() -> None:
     assert [(piece.kind, piece.size) for piece in found] == [
         ("stamp", 17), ("garbage", 18), ("stamp", 17), ("truncated", 16),
     ]  # fmt: skip
-    assert found[1].about.startswith("CRC-16 is")
+    assert found[1].about.startswith("CRC-16 of a stamp message is")
     made = meanings(STAMP, "stamps")[0]
     assert values(made) == {"sequence": 7, "stm32_us": 123456, "epoch": 3}
     assert [field.meaning for field in made.fields if field.name == "stm32_us"] == [
