@@ -125,7 +125,8 @@ def read(arguments: argparse.Namespace) -> tuple[bytes, list[Framing]]:
         try:
             source = recording.source(arguments.robot)
             may_be: list[Framing] = ["tcp", "nanocockpit"] if source.framing == "tcp" else [source.framing]
-            return b"".join(data for _, data in recording.reads(source)), told or may_be
+            reads = (data for _, data in recording.reads(source) if not isinstance(data, str))
+            return b"".join(reads), told or may_be
         finally:
             recording.close()
     if arguments.robot is not None:

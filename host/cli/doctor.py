@@ -118,7 +118,7 @@ def attend(stream: Stream, heard: Listening, duration_s: float, interrupt: Any) 
     """Listens to one connection. True when there is no other one to be made."""
     real = stream.port.url.partition("://")[0] not in ("sim", "replay")
     heard.read(stream.port.clock_ns(), 0, 0)
-    waited_ns, then_ns = stream.waited_ns, time.monotonic_ns()
+    waited_ns, then_ns, reconnects = stream.waited_ns, time.monotonic_ns(), 0
     while not interrupt.asked and heard.seconds < duration_s:
         events = stream.poll()
         now_ns, before_ns, then_ns = stream.port.clock_ns(), then_ns, time.monotonic_ns()
@@ -130,6 +130,9 @@ def attend(stream: Stream, heard: Listening, duration_s: float, interrupt: Any) 
         if events is None:
             break
         heard.take(events)
+        if stream.reconnects > reconnects:
+            reconnects = stream.reconnects
+            heard.ended(now_ns, "in the recording the robot was connected again")
     if stream.lost:
         heard.ended(stream.port.clock_ns(), stream.lost)
         return not real

@@ -126,16 +126,18 @@ class Robot:
         return stamp_errors_us(self.stamped, self.world, self.stream.port.robot)
 
 
-def wanted(events: Iterator[Event], count: int | None, duration_s: float | None) -> Iterator[Event]:
-    """The events up to the frame, or the time since the first event, that the user wants, and not one byte more."""
+def wanted(events: Iterator[Event], count: int | None, duration_s: float | None) -> Iterator[tuple[Event, bool]]:
+    """The events up to the frame, or the time since the first event, that the user wants, and not one byte more; and
+    whether that was it."""
     frames, first_ns = 0, None
     for event in events:
-        yield event
         if first_ns is None and not isinstance(event, State):
             first_ns = event.arrival_host_ns
         frames += isinstance(event, Frame)
         passed_ns = 0 if first_ns is None else event.arrival_host_ns - first_ns
-        if frames == count or (duration_s is not None and passed_ns >= duration_s * 1e9):
+        enough = frames == count or (duration_s is not None and passed_ns >= duration_s * 1e9)
+        yield event, enough
+        if enough:
             return
 
 
@@ -148,14 +150,15 @@ def read(
     """The thread of one port: everything that is wanted, then None. After `stop` no more is read; what was read is
     handed over still."""
     try:
-        for event in wanted(robot.stream.events(states=True), arguments.count, arguments.duration):
+        for event, enough in wanted(robot.stream.events(states=True), arguments.count, arguments.duration):
             events.put((robot, event))
-            if stop.is_set():
+            if enough or stop.is_set():
                 return
-        if robot.stream.lost:
-            robot.error = ConnectionLostError(
-                f"{robot.port}: {robot.stream.lost}, after {robot.stream.counters.frames} frames"
-            )
+        why = robot.stream.lost
+        if not why and not stop.is_set() and (arguments.count or arguments.duration):
+            why = "the recording has ended before all that was wanted had come"
+        if why:
+            robot.error = ConnectionLostError(f"{robot.port}: {why}, after {robot.stream.counters.frames} frames")
     except Exception as error:  # handed to the main thread, which raises it
         robot.error = error
     finally:

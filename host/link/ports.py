@@ -38,6 +38,10 @@ class Port(Protocol):
     ended: str
     """Why the last read said that it was the end; empty when a recording is over."""
 
+    @property
+    def seam(self) -> str:
+        """Of a replay: what begins anew with the next read, "connection" or "loop"; empty after any other read."""
+
     def read(self, wanted: int) -> bytes | memoryview | None:
         """What has come: valid until the next read. None: nothing for POLL_S. Empty: nothing ever will again.
         A slow line waits until there are `wanted` bytes, or less after POLL_S; more are taken if they are there."""
@@ -58,6 +62,7 @@ class SocketPort:
     world = None
     robot = None
     baud: int | None = None
+    seam = ""
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -113,6 +118,12 @@ class SerialPort:
         self.clock_ns: Callable[[], int] = getattr(port, "clock_ns", time.monotonic_ns)
         self._port = port
         self._unsent = b""
+        if hasattr(port, "tell_seams"):
+            port.tell_seams()
+
+    @property
+    def seam(self) -> str:
+        return getattr(self._port, "seam", "")
 
     def read(self, wanted: int) -> bytes | None:
         from serial import SerialException

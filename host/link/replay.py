@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, Literal, cast, get_args
 
 from ..protocol.errors import LocalError
 from . import foxglove
 from .mcap import CHUNK, Channel, DamagedError, Message, read_chunk_head, read_messages, split, walk
 from .mcap_summary import ChunkIndex, Summary, read_summary
 from .session import FRAMINGS, Framing
+
+Joint = Literal["connection", "missing"]
+"""Where bytes do not continue those before: the robot was connected again, or the disk was too slow for some."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +23,8 @@ class Source:
 
     number: int
     channel_id: int
-    joint_ids: frozenset[int]
-    """Channels that tell where bytes do not continue those before: a new connection, or some are missing."""
+    joints: Mapping[int, Joint]
+    """Channels that tell of them."""
     framing: Framing
     epoch_ns: int
     """What was added to its port's clock to get the time of a message."""
@@ -57,9 +60,9 @@ class Recording:
             raise LocalError(f"{self.path}: no robot {number} in it, only {there}")
         return self.sources[number]
 
-    def reads(self, source: Source, from_ns: int = 0) -> Iterator[tuple[int, memoryview]]:
-        """(arrival_host_ns, bytes) of each read from that time on, as they were recorded; no bytes: what
-        follows does not continue what was before. LocalError where damaged."""
+    def reads(self, source: Source, from_ns: int = 0) -> Iterator[tuple[int, memoryview | Joint]]:
+        """(arrival_host_ns, bytes) of each read from that time on, as they were recorded, and where they do not
+        continue those before. LocalError where damaged."""
         for chunk in self._summary.chunks:
             if chunk.head.last_ns >= from_ns + source.epoch_ns:
                 yield from self._of_chunk(chunk, source, from_ns)
@@ -75,8 +78,8 @@ class Recording:
                 return first[0], times[-1]
         raise AssertionError("reads() found something")
 
-    def _of_chunk(self, chunk: ChunkIndex, source: Source, from_ns: int) -> Iterator[tuple[int, memoryview]]:
-        if chunk.message_indexes and not {source.channel_id, *source.joint_ids} & chunk.message_indexes.keys():
+    def _of_chunk(self, chunk: ChunkIndex, source: Source, from_ns: int) -> Iterator[tuple[int, memoryview | Joint]]:
+        if chunk.message_indexes and not {source.channel_id, *source.joints} & chunk.message_indexes.keys():
             return
         try:
             for opcode, at, length in walk(self._file, chunk.offset, chunk.offset + chunk.length):
@@ -88,8 +91,8 @@ class Recording:
                         continue
                     if each.channel_id == source.channel_id:
                         yield each.publish_ns, foxglove.read_raw(each.data)
-                    elif each.channel_id in source.joint_ids:
-                        yield each.publish_ns, memoryview(b"")
+                    elif each.channel_id in source.joints:
+                        yield each.publish_ns, source.joints[each.channel_id]
         except (DamagedError, ValueError) as error:
             raise LocalError(f"{self.path}: {error}; 'host recover' makes a file of what is whole") from error
 
@@ -99,11 +102,12 @@ class Recording:
             schema = self._summary.schemas.get(channel.schema_id)
             if schema is None or schema.name != "spindeck.Bytes" or not channel.topic.endswith("/received"):
                 continue
-            joints = (channel.topic.removesuffix("received") + name for name in ("connection", "missing"))
-            yield source_of(channel, frozenset(topics[joint] for joint in joints if joint in topics))
+            prefix = channel.topic.removesuffix("received")
+            joints = {topics[prefix + name]: name for name in get_args(Joint) if prefix + name in topics}
+            yield source_of(channel, joints)
 
 
-def source_of(channel: Channel, joint_ids: frozenset[int]) -> Source:
+def source_of(channel: Channel, joints: Mapping[int, Joint]) -> Source:
     """LocalError when its metadata does not say what the bytes are."""
     try:
         number, epoch_ns = int(channel.metadata["robot"]), int(channel.metadata["epoch_ns"])
@@ -112,4 +116,4 @@ def source_of(channel: Channel, joint_ids: frozenset[int]) -> Source:
             raise ValueError(f"framing {framing!r}")
     except (KeyError, ValueError) as error:
         raise LocalError(f"{channel.topic}: the metadata is not that of a recording ({error})") from error
-    return Source(number, channel.id, joint_ids, cast(Framing, framing), epoch_ns, channel.metadata)
+    return Source(number, channel.id, joints, cast(Framing, framing), epoch_ns, channel.metadata)

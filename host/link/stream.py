@@ -56,7 +56,8 @@ class Stream:
         self._session = session
         self._reopen = reopen
         self._backoff = Backoff()
-        self._before = SessionCounters()
+        self._before: SessionCounters | None = None
+        """Of the sessions before this one."""
         self._timeout_ns = None if timeout is None else int(timeout * 1e9)
         self._alive_ns: int | None = None
         self._alive_bytes = 0
@@ -113,6 +114,8 @@ class Stream:
             self.waited_ns += time.monotonic_ns() - before_ns
             now = self._now_ns = self.port.clock_ns()
         events: list[Event] = []
+        if self.port.seam:
+            return self._begin_anew(now)
         if data is None:
             session.tick(now)
         elif len(data) > 0:
@@ -133,7 +136,7 @@ class Stream:
     @property
     def counters(self) -> SessionCounters:
         """A copy of what was counted so far."""
-        return self._before + self._session.counters if self.reconnects else self._session.counters
+        return self._session.counters if self._before is None else self._before + self._session.counters
 
     def send_camera(self, settings: CameraSettings) -> None:
         """Asks for camera settings; sent while frames are read, answered by a Reply among the events()."""
@@ -187,7 +190,7 @@ class Stream:
             if self._closed:
                 port.close()
                 return
-            self._before += self._session.counters
+            self._before = self.counters
             self.port, self._session = port, session
             self.reconnects += 1
             self._ended = False
@@ -195,6 +198,22 @@ class Stream:
                 self.tap.connected_again(port.clock_ns())
         self._alive_ns = None
         yield self.watch.connected(port.clock_ns())
+
+    def _begin_anew(self, now_ns: int) -> list[Event]:
+        """A replay has come to a seam. Where the robot was connected again, the same is lost as then; where a recording
+        begins again, what it breaks off with was not lost by anybody."""
+        events: list[Event] = []
+        if self.port.seam == "connection":
+            reason = "the recorded connection ended"
+            events = [*self._session.finish(now_ns), self.watch.disconnected(now_ns, reason)]
+            events.append(self.watch.connected(now_ns))
+            self.reconnects += 1
+            self._alive_ns = None
+        self._before = self.counters
+        self._session = Session(self._session.framing, self._session.dialect, self._before.frames)
+        if self.tap is not None:
+            self.tap.connected_again(now_ns)
+        return events
 
     def _judge_silence(self, events: list[Event]) -> None:
         now_ns = self._now_ns

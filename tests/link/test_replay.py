@@ -129,61 +129,6 @@ def test_start(four: tuple[Path, list[Tee]]) -> None:
     assert play(to_url(str(four[0]), pace="max", start=0.25)) == expected
 
 
-def packet(size: int) -> bytes:
-    return size.to_bytes(2, "little") + bytes([size % 251]) * size
-
-
-def test_a_loop_begins_anew_at_a_packet(tmp_path: Path) -> None:
-    """The half packet at the end is left out; times go on."""
-    stream = packet(10) + packet(1022) + packet(2)
-    cut = stream + packet(500)[:300]
-    reads = [(10**9 + at * 10**6, cut[at : at + 7]) for at in range(0, len(cut), 7)]
-    record_reads(tmp_path / "loop.mcap", reads)
-    played = play(to_url(str(tmp_path / "loop.mcap"), pace="max", loop=1), most=3 * len(stream))
-    assert b"".join(data for _, data in played)[: 3 * len(stream)] == 3 * stream
-    times = [at for at, _ in played]
-    assert times == sorted(times)
-    assert times[-1] > 3 * (reads[-1][0] - reads[0][0])
-
-
-def test_a_loop_of_frames_shows_no_damage(four: tuple[Path, list[Tee]]) -> None:
-    with host.open(to_url(str(four[0]), pace="max", loop=1, robot=1)) as stream:
-        pictures = [frame.body.tobytes() for _, frame in zip(range(22), stream, strict=False)]
-    first = pictures[:5]
-    assert set(pictures) == set(first)
-    assert stream.counters.garbage_bytes == 0
-
-
-@pytest.mark.parametrize("joint", ["connection", "missing"])
-def test_halves_of_two_packets_are_not_joined(tmp_path: Path, joint: str) -> None:
-    recorder = recording.Recorder(str(tmp_path / "again.mcap"))
-    track = recorder.track(0, FakePort(), "auto")
-    first, second = packet(10) + packet(20), packet(30)
-    track.received(first + packet(500)[:100], 1000)
-    if joint == "connection":
-        track.connected_again(2000)
-    else:
-        with recorder._changed:
-            track.left_out("received", 500, 2000)
-    track.received(second, 3000)
-    recorder.close()
-    played = play(to_url(str(tmp_path / "again.mcap"), pace="max"))
-    assert played == [(1000, first), (3000, second)]
-    assert [message.publish_time for _, message, _ in read(tmp_path / "again.mcap", f"/robot0/{joint}")] == [2000]
-
-
-def test_a_loop_of_nothing_but_half_a_packet_ends(tmp_path: Path) -> None:
-    record_reads(tmp_path / "half.mcap", [(1, packet(100)[:50])])
-    assert play(to_url(str(tmp_path / "half.mcap"), pace="max", loop=1)) == []
-
-
-def test_a_loop_over_damage_passes_everything(tmp_path: Path) -> None:
-    data = packet(5) + b"\xff\xff\xff" + packet(6)
-    record_reads(tmp_path / "bad.mcap", [(1, data)])
-    played = play(to_url(str(tmp_path / "bad.mcap"), pace="max", loop=1), most=3 * len(data))
-    assert b"".join(each for _, each in played) == 3 * data
-
-
 @pytest.mark.parametrize("rate", [0.5, 1.0, 4.0])
 def test_rate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rate: float) -> None:
     """On a clock of the test's own."""

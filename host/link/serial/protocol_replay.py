@@ -11,13 +11,13 @@ import struct
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 from serial.serialutil import PortNotOpenError, SerialBase, SerialException, to_bytes
 
 from ...protocol.errors import LocalError
 from ..dialects import Dialect
-from ..replay import Recording
+from ..replay import Joint, Recording
 from ..replay_url import from_url
 
 NS = 1_000_000_000
@@ -26,6 +26,9 @@ SLEEP_S = 0.05
 PAUSE_NS = NS // 10
 """Between two rounds of a loop: long enough for a packet that stopped half-way to be given up."""
 PACKET_MAX = 4096
+
+Seam = Literal["", "connection", "loop"]
+"""What is read next begins anew: the robot was connected again, or the recording begins again."""
 
 
 @dataclass
@@ -65,6 +68,8 @@ class Serial(SerialBase):  # type: ignore[misc]
         self.epoch_ns = 0
         self.over = False
         """The end was reached: read() has said so."""
+        self.seam: Seam = ""
+        """Of the last read(), if tell_seams() was called: it has returned no bytes for it."""
         self._recording: Recording | None = None
         self._cancelled = False
         super().__init__(*args, **kwargs)
@@ -91,13 +96,14 @@ class Serial(SerialBase):  # type: ignore[misc]
         self._recording = recording
         self._begin_ns = first_ns + round(choice.start * NS)
         self._round_ns = last_ns - self._begin_ns + PAUSE_NS
-        self._later_ns = 0
+        self._telling = False
         self._now_ns = self._begin_ns
         self._began_s: float | None = None
         self._ready = memoryview(b"")
         self._reads = self._rounds()
         self._next = next(self._reads, None)
         self._cancelled = self.over = False
+        self.seam = ""
         self._looked = True
         self.is_open = True
 
@@ -107,6 +113,13 @@ class Serial(SerialBase):  # type: ignore[misc]
         if self._recording is not None:
             self._recording.close()
 
+    def tell_seams(self) -> None:
+        """For who begins anew at a seam, as the recorded run did: all bytes pass, and `seam` says where. Otherwise the
+        half packet before a seam is left out. To be called before the first read."""
+        self._telling = True
+        self._reads = self._rounds()
+        self._next = next(self._reads, None)
+
     def clock_ns(self) -> int:
         """Where the replay is, on the clock of the recorded port; in a loop it goes on."""
         return self._now_ns
@@ -115,15 +128,19 @@ class Serial(SerialBase):  # type: ignore[misc]
     def in_waiting(self) -> int:
         """Bytes that can be read now. A first look after a read shows only what is left of what was read then."""
         self._check()
-        if self._looked and not self._ready and self._next is not None and self._due_s(self._next[0]) <= 0:
-            self._arrive()
+        following = self._next
+        if self._looked and not self._ready and following is not None:
+            at_ns, what = following
+            if not isinstance(what, str) and self._due_s(at_ns) <= 0:  # read() tells of a seam
+                self._arrive()
         self._looked = True
         return len(self._ready)
 
     def read(self, size: int = 1) -> bytes:
-        """At most so many bytes, and none beyond what one read gave; none after `timeout` seconds of the recording,
-        cancel_read or close."""
+        """At most so many bytes, and none beyond what one read gave; none at a seam that is told, after `timeout`
+        seconds of the recording, cancel_read or close."""
         self._check()
+        self.seam = ""
         if size and not self._ready:
             self._wait_for_next()
         data = bytes(self._ready[:size])
@@ -169,21 +186,33 @@ class Serial(SerialBase):  # type: ignore[misc]
         if not self.is_open:
             raise PortNotOpenError
 
-    def _rounds(self) -> Iterator[tuple[int, memoryview]]:
+    def _rounds(self) -> Iterator[tuple[int, memoryview | Seam]]:
         """What is to be read, once or for ever."""
-        recording, found = cast(Recording, self._recording), True
+        later_ns, found = 0, True
         while found:
             found = False
-            joints = self._choice.loop or self._source.joint_ids
-            ends = PacketEnds() if joints and self.framing == "tcp" else None
-            for arrival_ns, data in recording.reads(self._source, self._begin_ns):
-                if ends and not data:
-                    ends = PacketEnds()
-                ready = ends.whole(data) if ends else data
-                if ready:
-                    yield arrival_ns + self._later_ns, ready
-                    found = self._choice.loop
-            self._later_ns += self._round_ns
+            for at_ns, ready in self._round():
+                if later_ns and not found and self._telling:
+                    yield at_ns + later_ns, "loop"
+                found = self._choice.loop
+                yield at_ns + later_ns, ready
+            later_ns += self._round_ns
+
+    def _round(self) -> Iterator[tuple[int, memoryview | Seam]]:
+        joints: set[Joint] = set(self._source.joints.values())
+        cut = "missing" in joints or (not self._telling and (self._choice.loop or joints))
+        ends = PacketEnds() if cut and self.framing == "tcp" else None
+        for at_ns, data in cast(Recording, self._recording).reads(self._source, self._begin_ns):
+            if isinstance(data, str):
+                if self._telling and data == "connection":
+                    if ends and ends.kept:
+                        yield at_ns, memoryview(bytes(ends.kept))
+                    yield at_ns, "connection"
+                ends = PacketEnds() if ends else None
+                continue
+            ready = ends.whole(data) if ends else data
+            if ready:
+                yield at_ns, ready
 
     def _wait_for_next(self) -> None:
         if self._next is None:
@@ -198,9 +227,13 @@ class Serial(SerialBase):  # type: ignore[misc]
                 self._now_ns = deadline_ns
 
     def _arrive(self) -> None:
-        """The next read's bytes are there."""
+        """The next read's bytes are there, or a seam."""
         if self._next is not None:
-            self._now_ns, self._ready = self._next
+            self._now_ns, came = self._next
+            if isinstance(came, str):
+                self.seam = came
+            else:
+                self._ready = came
             self._next = next(self._reads, None)
 
     def _due_s(self, at_ns: int) -> float:
