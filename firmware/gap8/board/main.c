@@ -1,0 +1,144 @@
+#include "board.h"
+
+#define HANDLER __attribute__((interrupt("machine")))
+
+gap8_t board_app;
+volatile int board_init_result;
+volatile uint64_t board_stamp_reset;
+
+static struct {
+    volatile bool wake;      ///< all idle ports are asked
+    volatile bool spi_asked; ///< the ESP32 is ready: SPI is asked
+    instant_t now;           ///< of the last interrupt
+} board;
+
+static void receive(gap8_port_t port, bytes_t in) {
+    gap8_receive(&board_app, port, in, board.now);
+    board.wake = true;
+}
+
+static void receive_uart(void) {
+    const uint8_t byte = uart_take();
+    receive(GAP8_PORT_UART1, (bytes_t){&byte, 1});
+}
+
+static void receive_spi(void) {
+    receive(GAP8_PORT_SPI, spi_received());
+    spi_listen();
+}
+
+// Each takes one event: while there are more, the line stays up.
+HANDLER void soc_event_handler(void) {
+    board.now = clock_now();
+    const uint32_t event = SOC_EVENT_POP;
+    interrupt_clear(IRQ_SOC_EVENT);
+    switch (event & SOC_EVENT_NUMBER) {
+    case SOC_EVENT_UART_RX:
+        receive_uart();
+        break;
+    case SOC_EVENT_SPIM1_RX:
+        receive_spi();
+        break;
+    case SOC_EVENT_SPIM1_EOT:
+        spi_end();
+        board.wake = true;
+        break;
+    case SOC_EVENT_GPIO:
+        board.spi_asked |= spi_handshake();
+        break;
+    default:
+        break;
+    }
+}
+
+HANDLER void camera_handler(void) {
+    board.now = clock_now();
+    receive(GAP8_PORT_CAMERA, camera_take());
+}
+
+HANDLER void timer_handler(void) {
+    board.now = clock_now();
+    if (alarm_came(board.now.up_us)) {
+        board.wake = true;
+    }
+}
+
+// Nothing is due because of it, so the service loop sleeps on.
+HANDLER void software_handler(void) {
+    interrupt_clear(IRQ_SOFTWARE_0);
+    clock_set_stamp(board_stamp_reset);
+    board.now = clock_now();
+}
+
+static void ask_spi(void) {
+    const bytes_mut_t room = spi_room();
+    const size_t size = room.size == 0 ? 0 : gap8_transmit(&board_app, GAP8_PORT_SPI, room, board.now);
+    if (size != 0) {
+        spi_start(size);
+    }
+}
+
+static void ask_camera(void) {
+    uint8_t command[GAP8_CAMERA_COMMAND_BYTES];
+    const bytes_mut_t room = {command, sizeof command};
+    if (gap8_transmit(&board_app, GAP8_PORT_CAMERA, room, board.now) != 0) {
+        camera_start(command);
+    }
+}
+
+static void set_alarm(void) {
+    const uint64_t due_us = gap8_deadline(&board_app);
+    // One that has passed was served just now: it waits for the next event.
+    if (!alarm_set(due_us > board.now.up_us ? due_us : NEVER_US)) {
+        board.now = clock_now();
+        board.wake = true;
+    }
+}
+
+// The app is asked with interrupts off, and with the instant of the last one: an app's time never goes back.
+static void service(bool all) {
+    interrupts_off();
+    ask_spi();
+    interrupts_on();
+    if (all) {
+        interrupts_off();
+        ask_camera();
+        interrupts_on();
+    }
+    interrupts_off();
+    set_alarm();
+    interrupts_on();
+}
+
+// An interrupt between the look at the flags and wfi is not lost: masked, it stays pending, and ends wfi.
+static void sleep(void) {
+    interrupts_off();
+    if (!board.wake && !board.spi_asked) {
+        __asm volatile("wfi" ::: "memory");
+    }
+    interrupts_on(); // its handler runs here
+}
+
+int main(void) {
+    clock_init();
+    alarm_init();
+    uart_init();
+    spi_init();
+    camera_init();
+    interrupt_enable(IRQ_SOFTWARE_0);
+    interrupt_enable(IRQ_SOC_EVENT);
+    board.now = clock_now();
+    const gap8_config_t config = board_config.app;
+    board_init_result = gap8_init(&board_app, &config, board.now);
+    board.wake = board_init_result == 0;
+    interrupts_on();
+    for (;;) {
+        const bool all = board.wake;
+        if (all || board.spi_asked) {
+            board.wake = false;
+            board.spi_asked = false;
+            service(all);
+        }
+        sleep();
+    }
+}
