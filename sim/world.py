@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from host.native import ffi, lib
-from host.protocol.errors import LocalError
+from host.protocol.errors import LocalError, PeerError
 
 from . import camera, configure, scenario
 from .journal import Journal, Record
@@ -272,6 +272,8 @@ class World:
     def _kernel_run(self, true_ns: int, robot: int, size: int) -> bool:
         result = lib.kernel_run(self.kernel, true_ns, robot, size)
         if result < 0:
+            if result == lib.KERNEL_ERR_IMAGE:
+                raise PeerError(str(ffi.string(lib.kernel_fault(self.kernel)), "ascii"))
             raise MemoryError(f"kernel_run({true_ns}): {result}")
         return bool(result == lib.KERNEL_BYTES)
 

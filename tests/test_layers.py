@@ -111,6 +111,25 @@ def test_firmware_layers(path: Path) -> None:
             assert target[:2] in {("firmware", "core"), ("firmware", folder)}, f"{path} includes {included}"
 
 
+# Folder -> what of the project its C may include.
+SIMULATOR = {
+    "sim/emulator": {"firmware/core", "sim/emulator"},
+    "sim/kernel": {"firmware/core", "firmware/stm32", "firmware/gap8", "firmware/esp32", "sim/emulator", "sim/kernel"},
+}
+
+
+@pytest.mark.parametrize("folder", SIMULATOR)
+def test_simulator_layers(folder: str) -> None:
+    for path in sorted((ROOT / folder).rglob("*.[ch]")):
+        text = path.read_text(encoding="utf-8")
+        for bracket, included in re.findall(r'^\s*#\s*include\s*([<"])([^>"]+)', text, re.M):
+            if bracket == "<":
+                assert included not in {"time.h", "sys/time.h", "unicorn/unicorn.h"}, f"{path} includes {included}"
+            else:
+                target = (path.parent / included).resolve().relative_to(ROOT).parent.as_posix()
+                assert any(f"{target}/".startswith(f"{each}/") for each in SIMULATOR[folder]), f"{path}: {included}"
+
+
 def test_no_file_is_called_by_a_word_that_says_nothing() -> None:
     for path in PYTHON:
         assert not {"utils", "common", "misc", "helpers", "manager"} & set(module_name(path).split("."))

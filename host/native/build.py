@@ -29,10 +29,15 @@ HEADERS = [
     "firmware/stm32/app.h",
     "firmware/gap8/app.h",
     "firmware/esp32/app.h",
+    "sim/emulator/unicorn.h",
+    "sim/emulator/emulator.h",
     "sim/kernel/kernel.h",
     "host/native/stream.h",
 ]
-SOURCE_FOLDERS = ["firmware/core", "firmware/stm32", "firmware/gap8", "firmware/esp32", "sim/kernel", "host/native"]
+SOURCE_FOLDERS = [
+    *["firmware/core", "firmware/stm32", "firmware/gap8", "firmware/esp32"],
+    *["sim/emulator", "sim/kernel", "host/native"],
+]
 
 FREESTANDING = ["-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion"]
 

@@ -76,6 +76,9 @@ int kernel_reset_stamp_clock(kernel_t *k, int robot, mcu_t mcu, uint64_t to_us) 
     if (node->up) {
         stamp_clock_reset(&node->stamp, node_local_ns(k, node), to_us);
         node->read_ns = -1; // what was read at this instant no longer holds
+        if (node->verbs->reset_stamp != NULL) {
+            node->verbs->reset_stamp(node->app, to_us, node_local_ns(k, node));
+        }
     }
     return 0;
 }

@@ -27,6 +27,7 @@ static void robot_free(robot_t *r) {
     for (int direction = 0; direction < 2; direction++) {
         free(r->pipes[direction].segments);
     }
+    emulated_free(r);
     free(r->camera.raw);
     free(r->camera.jpegs);
     free(r->host_in.data);
@@ -83,7 +84,7 @@ static bool nodes_init(kernel_t *k, robot_t *r) {
             (node_t){.verbs = &native_verbs[mcu], .app = apps[mcu], .config = configs[mcu], .read_ns = -1};
         oscillator_init(&node->oscillator, clock, boot_ns, random);
         stamp_clock_init(&node->stamp, clock);
-        if (node->verbs->init(node->app, node->config, (instant_t){0, clock->stamp_start_us}) != 0) {
+        if (node->verbs->init(node->app, node->config, (instant_t){0, clock->stamp_start_us}, 0) != 0) {
             return false;
         }
     }
@@ -190,6 +191,9 @@ int kernel_run(kernel_t *k, int64_t until_ns, int robot, size_t bytes) {
     }
     const robot_t *watched = robot_of(k, robot);
     for (;;) {
+        if (k->report.failed) {
+            return KERNEL_ERR_IMAGE;
+        }
         if (watched != NULL && watched->host_in.fill >= bytes) {
             return KERNEL_BYTES;
         }

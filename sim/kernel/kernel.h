@@ -11,6 +11,7 @@
 #include "../../firmware/esp32/app.h"
 #include "../../firmware/gap8/app.h"
 #include "../../firmware/stm32/app.h"
+#include "../emulator/emulator.h"
 
 typedef struct kernel kernel_t;
 
@@ -131,7 +132,8 @@ enum {
     KERNEL_BYTES = 1,
     KERNEL_ERR_MEMORY = -10,
     KERNEL_ERR_CONFIG = -11,
-    KERNEL_ERR_TIME = -12
+    KERNEL_ERR_TIME = -12,
+    KERNEL_ERR_IMAGE = -13
 };
 
 /// NULL when out of memory.
@@ -141,6 +143,13 @@ void kernel_free(kernel_t *self);
 /// Adds a robot whose MCUs boot at their boot_ns (from now on, if that has passed). Returns its number, 0
 /// first, or KERNEL_ERR_MEMORY, KERNEL_ERR_CONFIG.
 int kernel_add_robot(kernel_t *self, const robot_config_t *config);
+
+/// That MCU runs a real image from its first boot on, which has not been yet: its bytes and times are those
+/// of the native app. Not the ESP32. KERNEL_ERR_IMAGE when the image does not fit, or later from kernel_run
+/// when its code did what a real MCU would not survive: then the world is over, and kernel_fault says why.
+/// `api` and `image`, with its bytes, must live as long as the kernel.
+int kernel_emulate(kernel_t *self, int robot, mcu_t mcu, const unicorn_api_t *api, const image_t *image);
+const char *kernel_fault(const kernel_t *self);
 
 /// The camera's pictures, taken in turn: `raw` of width * height bytes each, `jpeg` any size. The arrays are
 /// copied, the bytes are not: they must live as long as the kernel.

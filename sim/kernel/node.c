@@ -17,17 +17,20 @@ instant_t node_instant(const kernel_t *k, node_t *node) {
 
 int node_receive(kernel_t *k, robot_t *r, mcu_t mcu, int port, bytes_t in) {
     node_t *node = &r->nodes[mcu];
-    return node->up ? node->verbs->receive(node->app, port, in, node_instant(k, node)) : 0;
+    return node->up ? node->verbs->receive(node->app, port, in, node_instant(k, node), node_local_ns(k, node))
+                    : 0;
 }
 
 size_t node_transmit(kernel_t *k, robot_t *r, mcu_t mcu, int port, bytes_mut_t out) {
     node_t *node = &r->nodes[mcu];
-    return node->up ? node->verbs->transmit(node->app, port, out, node_instant(k, node)) : 0;
+    return node->up
+               ? node->verbs->transmit(node->app, port, out, node_instant(k, node), node_local_ns(k, node))
+               : 0;
 }
 
 void node_set_timer(kernel_t *k, robot_t *r, mcu_t mcu) {
     node_t *node = &r->nodes[mcu];
-    uint64_t deadline_us = node->verbs->deadline(node->app);
+    uint64_t deadline_us = node->verbs->deadline(node->app, node_local_ns(k, node));
     if (deadline_us == node->deadline_us) {
         return;
     }
@@ -73,8 +76,8 @@ static void boot(kernel_t *k, robot_t *r, mcu_t mcu) {
     node->read_ns = -1;
     node->deadline_us = NEVER_US;
     node->up = true;
-    node->verbs->init(node->app, node->config,
-                      node_instant(k, node)); // the config was tried when the robot was added
+    node->verbs->init(node->app, node->config, node_instant(k, node),
+                      node_local_ns(k, node)); // the config was tried when the robot was added
     node_poll(k, r, mcu);
 }
 

@@ -175,6 +175,10 @@ static void run_end(kernel_t *k, robot_t *r, line_t *line) {
 }
 
 static void run_start(kernel_t *k, robot_t *r, line_t *line) {
+    const node_t *sender = line->sender < 0 ? NULL : &r->nodes[line->sender];
+    if (sender != NULL && sender->verbs->byte_ps != NULL) {
+        line->byte_ps = sender->verbs->byte_ps(sender->app, line->port);
+    }
     line->in_run = true;
     line->start_ns = sender_now_ns(k, r, line);
     line->bytes = 0;

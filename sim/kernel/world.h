@@ -41,12 +41,15 @@ enum {
     SOURCE_COUNT = 17,
 };
 
-/// An app and the four verbs, so that something else than the native code can take its place.
+/// An app and the four verbs, so that something else than the native code can take its place: an image that
+/// an emulator runs, which counts its time from the exact local time.
 typedef struct {
-    int (*init)(void *app, const void *config, instant_t now);
-    int (*receive)(void *app, int port, bytes_t in, instant_t now);
-    size_t (*transmit)(void *app, int port, bytes_mut_t out, instant_t now);
-    uint64_t (*deadline)(const void *app);
+    int (*init)(void *app, const void *config, instant_t now, int64_t local_ns);
+    int (*receive)(void *app, int port, bytes_t in, instant_t now, int64_t local_ns);
+    size_t (*transmit)(void *app, int port, bytes_mut_t out, instant_t now, int64_t local_ns);
+    uint64_t (*deadline)(void *app, int64_t local_ns);
+    int64_t (*byte_ps)(void *app, int port);                          ///< NULL: as configured
+    void (*reset_stamp)(void *app, uint64_t to_us, int64_t local_ns); ///< NULL: it need not know
 } node_verbs_t;
 
 extern const node_verbs_t native_verbs[MCU_COUNT];
@@ -64,6 +67,11 @@ typedef struct {
     instant_t instant;    ///< likewise
     uint64_t deadline_us; ///< for which the timer is set
 } node_t;
+
+/// The app of a node that runs an image.
+typedef struct {
+    emulator_t *emulator;
+} emulated_t;
 
 /// One sender's end of a UART.
 typedef struct {
@@ -161,6 +169,7 @@ typedef struct {
     stm32_t stm32;
     gap8_t gap8;
     esp32_t esp32;
+    emulated_t emulated[MCU_COUNT];
 } robot_t;
 
 struct kernel {
@@ -171,6 +180,7 @@ struct kernel {
     robot_t **robots;
     uint32_t robot_count;
     trace_t trace;
+    emulator_report_t report;
     frame_truth_t *truth; ///< ring of TRUTH_MAX
     uint32_t truth_head, truth_fill;
     uint64_t truth_lost;
@@ -200,6 +210,9 @@ void node_poll(kernel_t *k, robot_t *r, mcu_t mcu);
 void node_set_timer(kernel_t *k, robot_t *r, mcu_t mcu);
 void node_timer(kernel_t *k, robot_t *r, mcu_t mcu);
 void node_off(kernel_t *k, robot_t *r, mcu_t mcu, int64_t off_ns);
+
+// emulated.c
+void emulated_free(robot_t *r);
 
 // uart.c
 void uart_init(robot_t *r);

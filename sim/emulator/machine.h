@@ -1,0 +1,87 @@
+/// Private to sim/emulator: what an MCU is made of, and the parts that all of them share.
+///
+/// A machine is a memory map and peripherals; a CPU is what runs the code and takes the interrupts. A machine
+/// knows its CPU and calls its interrupt controller directly.
+#ifndef SPINDECK_SIM_MACHINE_H
+#define SPINDECK_SIM_MACHINE_H
+
+#include "emulator.h"
+
+enum { MACHINE_MEMORIES_MAX = 2, MACHINE_DEVICES_MAX = 4 };
+
+typedef struct {
+    uint32_t address;
+    uint32_t bytes; ///< a multiple of 4096
+    bool writable;
+} machine_memory_t;
+
+/// Addresses at which reads and writes go to the machine.
+typedef struct {
+    uint32_t address;
+    uint32_t bytes; ///< a multiple of 4096
+} machine_devices_t;
+
+typedef struct {
+    size_t state_bytes; ///< of its own state, emulator_t.cpu_state
+    /// Opens e->engine and adds hooks; false after emulator_fail.
+    bool (*open)(emulator_t *e);
+    void (*reset)(emulator_t *e);
+    /// Runs every handler that can be taken, and if `thread` the main program until it sleeps.
+    void (*run)(emulator_t *e, bool thread);
+    /// Writes "pc=0x... ..." and returns its length.
+    size_t (*describe)(emulator_t *e, char *out, size_t size);
+} cpu_t;
+
+typedef struct {
+    const char *name;
+    const cpu_t *cpu;
+    machine_memory_t memories[MACHINE_MEMORIES_MAX];
+    machine_devices_t devices[MACHINE_DEVICES_MAX];
+    size_t state_bytes; ///< of its own state, emulator_t.machine_state; zeroed before reset
+    void (*reset)(emulator_t *e);
+    uint32_t (*read)(emulator_t *e, uint32_t address, unsigned size);
+    void (*write)(emulator_t *e, uint32_t address, unsigned size, uint32_t value);
+    void (*receive)(emulator_t *e, int port, bytes_t in);
+    /// The kernel asks this port for bytes: if its transmitter is busy with bytes that `take` has handed out,
+    /// they have left.
+    void (*asked)(emulator_t *e, int port);
+    /// What the code has written to this port since.
+    size_t (*take)(emulator_t *e, int port, bytes_mut_t out);
+    /// Local time of the next timer's interrupt, INT64_MAX for none; and raising what is due by e->now_ns.
+    int64_t (*alarm_ns)(emulator_t *e);
+    void (*alarm)(emulator_t *e);
+    int64_t (*byte_ps)(emulator_t *e, int port);
+    /// The new value is in board_stamp_reset.
+    void (*reset_stamp)(emulator_t *e);
+} machine_t;
+
+struct emulator {
+    const unicorn_api_t *api;
+    const image_t *image;
+    const machine_t *machine;
+    int robot;
+    emulator_report_t *report;
+    unicorn_t *engine; ///< NULL until it is first switched on
+    void *cpu_state;
+    void *machine_state;
+    uint8_t *memories[MACHINE_MEMORIES_MAX];
+    int64_t now_ns; ///< local
+    uint32_t blocks_left;
+    uint32_t block; ///< address of the last one begun
+};
+
+/// By mcu_t; NULL if there is no model of it.
+const machine_t *machine_of(int mcu);
+
+/// Ends the run, with the CPU's registers; only the first failure of a world is kept.
+__attribute__((format(printf, 2, 3))) void emulator_fail(emulator_t *e, const char *format, ...);
+
+/// For a CPU's `run`, and in hooks: to be checked before the code goes on.
+static inline bool emulator_failed(const emulator_t *e) {
+    return e->report->failed;
+}
+
+/// Host memory of `size` bytes at an address; NULL if it is not one piece there.
+uint8_t *emulator_at(const emulator_t *e, uint32_t address, size_t size);
+
+#endif
