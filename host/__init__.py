@@ -6,9 +6,11 @@ Nothing is loaded before it is used, so that `import host` and `host --help` sta
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # typing takes longer to load than all that is here
 if TYPE_CHECKING:
+    from typing import Any
+
     from .link.records import (
         LOSS_CAUSES,
         Announced,

@@ -1,7 +1,37 @@
-"""`python -m host` is the console script `host`."""
+"""The command, as `python -m host` and as the console scripts `host` and `spindeck`."""
 
+from __future__ import annotations
+
+import os
+import signal
 import sys
 
-from .cli import main
+TYPE_CHECKING = False  # typing takes time to load, and Ctrl-C shall be in good hands before that
+if TYPE_CHECKING:
+    from types import FrameType
 
-sys.exit(main())
+
+def interrupted(number: int, frame: FrameType | None) -> None:
+    """Ctrl-C while modules are loaded ends at once: nothing is open yet, and import would print where it was, or even
+    take the exception for its own."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            os._exit(130)
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
+def main() -> int:
+    """Its exit code."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, interrupted)
+    try:
+        from .cli import main as run
+
+        return run()
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -20,11 +20,16 @@ EXIT_ILL = 4
 WAIT_NS = 1_000_000
 """A shorter read has not waited: its bytes were there."""
 RETRY_S = 1.0
+VERDICT_S = 10.0
+"""Who has seen nothing wrong for a shorter time cannot say that nothing is."""
+SILENCE_S = 2.0
+"""Who was stopped before that has not even heard silence: a camera may be slow."""
 
 EXAMPLES = """\
 Listens and says where the fault is: camera, GAP8, UART1, STM32, clock, SPI, ESP32, UART2, Wi-Fi or this host, with
 what was seen and what to do; and which stage limits the frame rate. Firmware that speaks native tells most; of a stock
-stream only what reaches the host can be judged. Exit code 4 when something is wrong.
+stream only what reaches the host can be judged. Exit code 4 when something is wrong. Ctrl-C ends it earlier. Nothing
+wrong in less than 10 s is no verdict: healthy is null in JSON then, and after Ctrl-C the exit code is 130.
 
 examples:
   host doctor --port socket://192.168.4.1:5000
@@ -59,27 +64,34 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0: nothing is wrong."""
+    """0: nothing wrong was seen."""
     from ..link.diagnosis import diagnose
+    from . import EXIT_INTERRUPTED
 
     as_json = arguments.json or not sys.stdout.isatty()
     if not as_json:
         print(f"listening to {arguments.port} for {arguments.duration:g} s; Ctrl-C ends it earlier", file=sys.stderr)
-    heard = listen(arguments)
+    heard, stopped = listen(arguments)
     diagnosis = diagnose(heard)
+    if stopped and heard.seconds < SILENCE_S:
+        diagnosis = dataclasses.replace(diagnosis, findings=[])
+    verdict = not diagnosis.healthy or heard.seconds >= VERDICT_S
     if as_json:
         from .as_json import line
 
-        print(line(as_record(arguments.port, heard, diagnosis)))
+        print(line(as_record(arguments.port, heard, diagnosis, stopped, verdict)))
     else:
-        print("\n".join(in_words(heard, diagnosis)))
+        print("\n".join(in_words(heard, diagnosis, verdict)))
+    if stopped and not verdict:
+        return EXIT_INTERRUPTED
     if heard.counters.bytes == 0:
         raise PeerSilentError(f"{arguments.port}: not a byte in {heard.seconds:.1f} s")
     return 0 if diagnosis.healthy else EXIT_ILL
 
 
-def listen(arguments: argparse.Namespace) -> Listening:
-    """Until the time is over, a recording has ended, or Ctrl-C. A connection that ends is made again, if it can be."""
+def listen(arguments: argparse.Namespace) -> tuple[Listening, bool]:
+    """Until the time is over, a recording has ended, or Ctrl-C (True). A connection that ends is made again, if it can
+    be."""
     from ..link.listening import Listening
     from ..link.records import SessionCounters
     from .interrupt import Interrupt
@@ -103,7 +115,7 @@ def listen(arguments: argparse.Namespace) -> Listening:
     if stream is not None:
         stream.close()
     heard.counters = total
-    return heard
+    return heard, interrupt.asked
 
 
 def connect(arguments: argparse.Namespace) -> Stream:
@@ -139,13 +151,14 @@ def attend(stream: Stream, heard: Listening, duration_s: float, interrupt: Any) 
     return True
 
 
-def as_record(port: str, heard: Listening, diagnosis: Diagnosis) -> dict[str, Any]:
+def as_record(port: str, heard: Listening, diagnosis: Diagnosis, stopped: bool, verdict: bool) -> dict[str, Any]:
     """What `--json` prints."""
     return {
         "event": "diagnosis",
         "port": port,
         "seconds": round(heard.seconds, 3),
-        "healthy": diagnosis.healthy,
+        "stopped": stopped,
+        "healthy": diagnosis.healthy if verdict else None,
         "bottleneck": diagnosis.bottleneck,
         "rate": diagnosis.rate,
         "findings": [dataclasses.asdict(finding) for finding in diagnosis.findings],
@@ -156,7 +169,7 @@ def as_record(port: str, heard: Listening, diagnosis: Diagnosis) -> dict[str, An
     }
 
 
-def in_words(heard: Listening, diagnosis: Diagnosis) -> list[str]:
+def in_words(heard: Listening, diagnosis: Diagnosis, verdict: bool) -> list[str]:
     """What a terminal shows."""
     lost = sum(heard.counters.frames_lost.values())
     tap = heard.framing == "stamps"
@@ -164,7 +177,10 @@ def in_words(heard: Listening, diagnosis: Diagnosis) -> list[str]:
     lines = [f"heard       {came}, in {heard.seconds:.0f} s"]
     if not tap:
         lines.append(f"rate        {diagnosis.rate}")
-    if diagnosis.healthy:
+    if not verdict:
+        short = f"{heard.seconds:.1f} s is too short for a verdict: listen for a minute"
+        lines.append(f"no verdict  nothing wrong was seen, and {short}")
+    elif diagnosis.healthy:
         lines.append("healthy     nothing wrong was seen")
     for finding in diagnosis.findings:
         lines += ["", f"{finding.severity:<12}{finding.stage}: {finding.what}"]

@@ -78,8 +78,36 @@ def test_ctrl_c_ends_the_listening_and_not_the_diagnosis(tmp_path: Path) -> None
     time.sleep(4)
     program.send_signal(signal.SIGINT)
     out, err = program.communicate(timeout=30)
-    assert program.returncode in (0, 3), err
-    assert json.loads(out)["event"] == "diagnosis"
+    assert program.returncode == 130, err
+    assert err == ""
+    found = json.loads(out)
+    assert found["stopped"] is True
+    assert found["healthy"] is None
+    assert 0 < found["seconds"] < 10
+
+
+@pytest.mark.parametrize(
+    ("seconds", "stopped", "settings", "code", "says"),
+    [
+        (3, True, "", 130, "no verdict  nothing wrong was seen, and 3.1 s is too short"),
+        (3, False, "", 0, "no verdict  nothing wrong was seen, and 3.1 s is too short"),
+        (12, True, "", 0, "healthy"),
+        (3, True, "&uart1_loss=0.9", 4, "problem     UART1"),
+        (3, True, "&camera_fps=0", 3, "problem     camera"),
+        (1, True, "&camera_fps=0", 130, "no verdict"),
+    ],
+)
+def test_too_short_for_a_verdict(
+    seconds: float, stopped: bool, settings: str, code: int, says: str,
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    listen = doctor.listen
+    monkeypatch.setattr(doctor, "listen", lambda arguments: (listen(arguments)[0], stopped))
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    assert main(["doctor", "--port", f"sim://hover?{SMALL}{settings}", "--duration", str(seconds)]) == code
+    out = capsys.readouterr().out
+    assert says in out
+    assert ("healthy" in out) == (says == "healthy")
 
 
 def test_a_connection_that_ends_is_made_again(capsys: pytest.CaptureFixture[str]) -> None:
