@@ -8,7 +8,7 @@ PYTHON ?= python3
 VENV := .venv
 PY := $(VENV)/bin/python
 STAMP := $(VENV)/.ready
-C_FILES := $(wildcard firmware/*/*.[ch] sim/emulator/*.[ch] sim/kernel/*.[ch] host/native/*.[ch])
+C_FILES := $(wildcard firmware/*/*.[ch] firmware/*/board/*.[ch] sim/emulator/*.[ch] sim/kernel/*.[ch] host/native/*.[ch])
 
 .PHONY: all stream test fast lint sanitize fuzz wheel bench format clean
 

@@ -109,6 +109,7 @@ def test_firmware_layers(path: Path) -> None:
         else:
             target = (path.parent / included).resolve().relative_to(ROOT).parts
             assert target[:2] in {("firmware", "core"), ("firmware", folder)}, f"{path} includes {included}"
+            assert "board" in path.parts or "board" not in target, f"{path} knows its board: {included}"
 
 
 # Folder -> what of the project its C may include.

@@ -1,0 +1,98 @@
+#include "board.h"
+
+static usart_t *const LINES[STM32_PORT_COUNT] = {[STM32_PORT_UART1] = USART3, [STM32_PORT_UART2] = USART2};
+
+stm32_t board_app;
+volatile int board_init_result;
+volatile uint64_t board_stamp_reset;
+
+static struct {
+    bool busy[STM32_PORT_COUNT]; ///< a byte is on the line
+    volatile bool wake;
+    instant_t now; ///< of the last interrupt
+} board;
+
+static void on_usart(stm32_port_t port) {
+    board.now = clock_now();
+    const usart_news_t news = usart_news(LINES[port]);
+    if (news.sent) {
+        board.busy[port] = false;
+        board.wake = true;
+    }
+    if (news.received) {
+        stm32_receive(&board_app, port, (bytes_t){&news.byte, 1}, board.now);
+        board.wake = true;
+    }
+}
+
+void usart2_handler(void) {
+    on_usart(STM32_PORT_UART2);
+}
+
+void usart3_handler(void) {
+    on_usart(STM32_PORT_UART1);
+}
+
+void tim3_handler(void) {
+    board.now = clock_now();
+    if (alarm_came(board.now.up_us)) {
+        board.wake = true;
+    }
+}
+
+// Nothing is due because of it, so the service loop sleeps on.
+void exti0_handler(void) {
+    EXTI->pr = EXTI_LINE_0;
+    clock_set_stamp(board_stamp_reset);
+    board.now = clock_now();
+}
+
+// The app is asked with interrupts off, and with the instant of the last one: an app's time never goes back.
+static void service(void) {
+    for (int port = 0; port < STM32_PORT_COUNT; port++) {
+        interrupts_off();
+        uint8_t byte;
+        if (!board.busy[port] &&
+            stm32_transmit(&board_app, (stm32_port_t)port, (bytes_mut_t){&byte, 1}, board.now) != 0) {
+            board.busy[port] = true;
+            usart_put(LINES[port], byte);
+        }
+        interrupts_on();
+    }
+    interrupts_off();
+    const uint64_t due_us = stm32_deadline(&board_app);
+    // One that has passed was served just now: it waits for the next event.
+    alarm_set(due_us > board.now.up_us ? due_us : NEVER_US);
+    interrupts_on();
+}
+
+// An interrupt between the look at `wake` and wfi is not lost: masked, it stays pending, and ends wfi.
+static void sleep(void) {
+    interrupts_off();
+    if (!board.wake) {
+        __asm volatile("wfi" ::: "memory");
+    }
+    interrupts_on(); // its handler runs here
+}
+
+int main(void) {
+    interrupts_off();
+    rcc_init();
+    clock_init();
+    alarm_init();
+    usart_init();
+    EXTI->imr |= EXTI_LINE_0; // raised by software only (EXTI->swier): no pin is routed to it
+    interrupt_enable(IRQ_EXTI0);
+    board.now = clock_now();
+    const stm32_config_t config = board_config.app;
+    board_init_result = stm32_init(&board_app, &config, board.now);
+    board.wake = board_init_result == 0;
+    interrupts_on();
+    for (;;) {
+        if (board.wake) {
+            board.wake = false;
+            service();
+        }
+        sleep();
+    }
+}
