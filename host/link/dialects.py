@@ -15,7 +15,8 @@ from ..native import lib
 Dialect = Literal["auto", "stock", "paper", "nanocockpit", "native"]
 """auto recognises all of them and transmits nothing before native is announced. stock: likewise, and never transmits.
 paper and native: packets of CPX from the first byte on; native is asked for, paper for nothing. nanocockpit: packets by
-its rule from the first byte on, and each frame is answered, as that firmware's own client does."""
+its rule from the first byte on, and each frame is answered, as that firmware's own client does. Whoever chooses one of
+these three and meets another firmware has made a mistake: see expected.py."""
 
 SPOKEN: dict[int, Dialect] = {
     lib.DIALECT_STOCK: "stock",

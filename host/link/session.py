@@ -21,11 +21,18 @@ from ..protocol.errors import LocalError
 from ..protocol.packets import CameraSettings, CpxPacket, Route, StreamRequest
 from . import assemble
 from .dialects import SPOKEN, Asking, Dialect, FrameIds, FrameNumbers
+from .expected import Expected
 from .records import LOSS_CAUSES, PAIR_DTYPE, Announced, Event, Frame, Garbage, LostFrame, SessionCounters
 
 Framing = Literal["tcp", "cpx-uart", "stamps"]
 
 FRAMINGS = {"tcp": lib.STREAM_TCP, "cpx-uart": lib.STREAM_CPX_UART, "stamps": lib.STREAM_STAMPS}
+STAMPS: dict[int, Dialect] = {
+    lib.UART1_STAMP: "native",
+    lib.UART1_PAPER: "paper",
+    lib.UART1_NANOCOCKPIT: "nanocockpit",
+}
+"""By uart1_message_t.kind."""
 SEND_PACKETS = 16
 """Waiting for the line, at most."""
 LINE_OUT_MAX = 512
@@ -78,6 +85,8 @@ class Session:
         self._pairs_lost = 0
         self._pairs_lost_gap8: tuple[int, int] | None = None
         self._finished = False
+        changes_rule = framing == "tcp" and dialect not in ("auto", "stock")
+        self.expected = Expected(dialect, Session(framing, "stock") if changes_rule else None)
 
     def receive(self, data: bytes | memoryview, arrival_host_ns: int) -> list[Event]:
         """The events that these bytes complete, in their order. LocalError after finish()."""
@@ -92,6 +101,7 @@ class Session:
         while lib.stream_push(stream, source, size, self._line_us):
             self._collect(events, arrival_host_ns)
         self._collect(events, arrival_host_ns)
+        self.expected.receive(data, arrival_host_ns)
         self._ask(arrival_host_ns)
         return events
 
@@ -142,6 +152,11 @@ class Session:
         out = b"".join(encode(packet) for packet in self._to_send)
         self._to_send.clear()
         return out
+
+    @property
+    def reads_cpx(self) -> bool:
+        """Packets of CPX, or else NanoCockpit's: as chosen, or as recognised so far."""
+        return bool(self._stream.rule == lib.STREAM_CPX)
 
     @property
     def bytes_received(self) -> int:
@@ -212,10 +227,12 @@ class Session:
         elif kind == lib.STREAM_GARBAGE:
             events.append(Garbage(arrival_host_ns, event.offset, event.size))
         elif kind == lib.STREAM_STAMP:
+            self.expected.heard(STAMPS[event.message.kind])
             events.append(assemble.stamp(event.message, arrival_host_ns))
         elif kind == lib.STREAM_ANNOUNCED:
             for asking in self._asking:
                 asking.announced()
+            self.expected.heard("native")
             events.append(Announced(arrival_host_ns))
         else:
             data = bytes(ffi.buffer(self._stream.data + event.data_at, event.size))
@@ -242,6 +259,7 @@ class Session:
         )
         self._frames += 1
         self.spoken = SPOKEN[dialect]
+        self.expected.heard(self.spoken)
         if dialect != lib.DIALECT_NATIVE:
             self._numbers.stock_came()
         if dialect == lib.DIALECT_NATIVE:

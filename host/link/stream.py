@@ -7,9 +7,10 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
-from ..protocol.errors import LocalError, PeerSilentError
+from ..protocol.errors import LocalError, PeerError, PeerSilentError
 from ..protocol.packets import CameraSettings
 from .dialects import Dialect
+from .expected import GARBAGE_MOST
 from .ports import BAUD, POLL_S, Port, open_port
 from .records import Event, Frame, LostFrame, NanocockpitStamp, PaperStamp, SessionCounters, Stamp, State
 from .session import Session
@@ -17,8 +18,6 @@ from .state import Backoff, Watch
 
 ALIVE = (Frame, LostFrame, Stamp, PaperStamp, NanocockpitStamp)
 """What a robot is there for: without any of these it is called silent, whatever else it sends."""
-GARBAGE_MOST = 0.5
-"""Of the bytes: with more, what looks like packets is chance."""
 
 Connection = tuple[Port, Session]
 
@@ -103,7 +102,8 @@ class Stream:
                 yield from self._connect_again()
 
     def poll(self) -> list[Event] | None:
-        """What has come within POLL_S, maybe nothing. None: the connection has ended, port.ended says why."""
+        """What has come within POLL_S, maybe nothing. None: the connection has ended, port.ended says why. PeerError
+        when the robot does not speak the dialect that was chosen."""
         session = self._session
         self._send()
         with self._reading:
@@ -122,6 +122,8 @@ class Stream:
             if self.tap is not None:
                 self.tap.received(data, now)
             events = session.receive(data, now)
+            if session.expected.other is not None:
+                raise PeerError(f"{self.port.url}: {session.expected.contradiction()}")
         else:
             return self._end(self.port.ended)
         self._send()
@@ -137,6 +139,11 @@ class Stream:
     def counters(self) -> SessionCounters:
         """A copy of what was counted so far."""
         return self._session.counters if self._before is None else self._before + self._session.counters
+
+    @property
+    def reads_cpx(self) -> bool:
+        """Packets of CPX, or else NanoCockpit's: as chosen, or as recognised so far."""
+        return self._session.reads_cpx
 
     def send_camera(self, settings: CameraSettings) -> None:
         """Asks for camera settings; sent while frames are read, answered by a Reply among the events()."""
@@ -223,6 +230,9 @@ class Stream:
             self._alive_ns = now_ns
             self._alive_bytes = self._session.bytes_received
         elif not self._ended and self._timeout_ns is not None and now_ns - self._alive_ns > self._timeout_ns:
+            suspicion = self._session.expected.suspicion()
+            if suspicion:
+                raise PeerError(f"{self.port.url}: {suspicion}")
             raise PeerSilentError(f"{self.port.url}: {self._who_is_silent((now_ns - self._alive_ns) * 1e-9)}")
 
     def _who_is_silent(self, seconds: float) -> str:
@@ -262,8 +272,9 @@ def open_stream(
 
     `timeout`: seconds without any image (or stamp message) after which iteration raises PeerSilentError; None: never.
     With dialect "auto" nothing is sent until the robot has announced that it speaks native; "stock" never sends,
-    "native" asks at once. `baud` and `framing` as open_port. `reconnect`: when the connection has ended, or the robot
-    was silent for `timeout`, it is made again, for ever; the first one must succeed.
+    "native" asks at once. With "paper", "nanocockpit" or "native" a robot that speaks another one is a PeerError.
+    `baud` and `framing` as open_port. `reconnect`: when the connection has ended, or the robot was silent for
+    `timeout`, it is made again, for ever; the first one must succeed.
     """
     if timeout is not None and not timeout > 0:
         raise LocalError(f"timeout {timeout}: give seconds above 0, or None to wait for ever")
