@@ -57,8 +57,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         choices=["auto", "stock", "paper", "nanocockpit", "native"],
         default="auto",
         help="auto (default): recognise what comes, ask for native once it has announced that; native: ask at once; "
-        "stock: read every firmware, ask for nothing; paper: likewise nothing; nanocockpit: answer each frame, as its own "
-        "client does. A robot that does not speak the paper, nanocockpit or native that was chosen: exit code 4",
+        "stock: read every firmware, ask for nothing; paper: ask for nothing; nanocockpit: answer each frame, as its "
+        "own client does. A robot that does not speak the paper, nanocockpit or native that was chosen: exit code 4",
     )
     add("--count", type=positive(int), metavar="N", help="end after N frames of each robot")
     add("--duration", type=positive(float), metavar="S", help="end after S seconds of the robot's stream")
