@@ -37,6 +37,7 @@ RULES: list[tuple[str, set[str], set[str]]] = [
         | {"host.link.mcap", "host.link.mcap_summary", "host.link.foxglove"},
         IO,
     ),
+    ("host.usd", {"host.usd", "host.native", "host.protocol.errors"}, IO),
     ("host.cli", {"host", "sim"}, set()),
     ("host.__main__", {"host.cli"}, set()),
     ("host", {"host.link", "host.protocol"}, set()),

@@ -33,6 +33,8 @@ HEADERS = [
     "sim/emulator/emulator.h",
     "sim/kernel/kernel.h",
     "host/native/stream.h",
+    "host/native/crc32.h",
+    "host/native/usd.h",
 ]
 SOURCE_FOLDERS = [
     *["firmware/core", "firmware/stm32", "firmware/gap8", "firmware/esp32"],

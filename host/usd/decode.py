@@ -1,0 +1,70 @@
+"""A whole log, from its bytes. Never an exception for what is in them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from mmap import mmap
+
+from ..native import lib
+from .blocks import decode_blocks
+from .header import HeaderError, read_header
+from .log import ByteRange, Damage, Log
+from .recover import Recovered, recover
+from .rows import CRC_BYTES, Piece, RowReader, crc32, epochs_of, filling
+
+Buffer = bytes | bytearray | memoryview | mmap
+
+
+def decode(source: Buffer) -> Log:
+    """Everything that can be trusted in the bytes of a file (or of an mmap of it), which are not kept."""
+    data = memoryview(source).cast("B")
+    if len(data) and data[0] == 0:
+        return nothing(data, 0, filling(data) or "not a log: it begins with 0x00")
+    if log := decode_blocks(data):
+        return log
+    try:
+        header = read_header(data)
+    except HeaderError as error:
+        return nothing(data, error.at, error.why)
+    reader = RowReader(data, header)
+    found = whole(reader) or recover(reader)
+    return Log(
+        size=len(data),
+        version=2 if header.version == 2 else 1,
+        header_bytes=header.size,
+        types=header.types,
+        rows=reader.copy(found.pieces),
+        parts=tuple(ByteRange(piece.walk.begin, piece.walk.end) for piece in found.pieces),
+        verified=tuple(found.verified),
+        damages=tuple(found.damages),
+        epochs=epochs_of(reader, found.pieces),
+        crc=found.crc,
+        session=found.session,
+    )
+
+
+def whole(reader: RowReader) -> Recovered | None:
+    """A log that its logger has closed, and that is as it was written: its rows are taken as they are."""
+    data, begin = reader.data, reader.header.size
+    end = len(data) - CRC_BYTES
+    if end < begin or crc32(data, 0, end) != int.from_bytes(data[end:], "little"):
+        return None
+    walk = reader.walk(begin, end, None, strict=False)
+    if walk.why != lib.USD_END:
+        return None
+    sessions = reader.sessions(walk.statuses)
+    if len(sessions) > 1:
+        return None  # A CRC over parts that end with their own does not depend on what is in them.
+    borders = [begin, *(mark.offset for mark in walk.backs if not reader.is_return(mark)), end]
+    if len(borders) == 2:
+        pieces = [Piece(walk, True, 0)] if end > begin else []
+    else:
+        parts = pairwise(borders)
+        pieces = [Piece(reader.walk(*part, None, strict=False), True, epoch) for epoch, part in enumerate(parts)]
+    return Recovered(pieces, [], [ByteRange(0, end)], next(iter(sessions), None), "good")
+
+
+def nothing(data: memoryview, at: int, why: str) -> Log:
+    """Without a header nothing says what the bytes are."""
+    damage = Damage(0, len(data), why if at == 0 else f"{why} (byte {at})")
+    return Log(len(data), None, 0, (), {}, (), (), (damage,), (), "absent", None)

@@ -1,0 +1,198 @@
+"""The C's walk over the rows of one log, as Python sees it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..native import ffi, lib
+from .header import Header
+from .log import Epoch, EventType, Rows
+
+MARKS_MAX = 4096
+CRC_BYTES = 4
+SESSION_BEFORE_END = 8
+"""Of a status row: the last but one of its variables, u32 each."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A status row, or one whose time goes back."""
+
+    offset: int
+    before: int
+    stamp: int
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """Rows that follow each other without a break."""
+
+    begin: int
+    end: int
+    why: int
+    """What stands behind them: USD_END, USD_UNKNOWN, USD_CUT, USD_TIME."""
+    last_row: int
+    last: int | None
+    """The latest stamp, in the file's unit; of the rows before, if there are none."""
+    statuses: tuple[int, ...]
+    """Where status rows begin."""
+    backs: tuple[Mark, ...]
+    rows: tuple[int, ...]
+    """Passed, by type."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Rows to be returned."""
+
+    walk: Walk
+    verified: bool
+    epoch: int
+
+
+def crc32(data: memoryview, begin: int = 0, end: int | None = None) -> int:
+    view = data[begin:end]
+    return int(lib.crc32_host(0, (ffi.from_buffer("uint8_t[]", view), len(view))))
+
+
+def filling(data: memoryview) -> str | None:
+    """Of bytes that nobody has written."""
+    if len(data) >= CRC_BYTES and not any(data):
+        return "zeros: never written"
+    if len(data) >= CRC_BYTES and set(data) == {0xFF}:
+        return "0xFF only: an erased part of the card"
+    return None
+
+
+class RowReader:
+    """Bytes and their layout; every offset is one of the file."""
+
+    def __init__(self, data: memoryview, header: Header) -> None:
+        self.data = data
+        self.header = header
+        self._layout = header.layout
+        self._bytes = ffi.from_buffer("uint8_t[]", data)
+        self._marks = ffi.new("usd_mark_t[]", MARKS_MAX)
+
+    def walk(self, begin: int, end: int, last: int | None, strict: bool) -> Walk:
+        state = ffi.new("usd_walk_t *")
+        state.at, state.marks, state.marks_max = begin, self._marks, MARKS_MAX
+        state.has_last, state.last = last is not None, last or 0
+        statuses: list[int] = []
+        backs: list[Mark] = []
+        why = lib.USD_MARKS
+        while why == lib.USD_MARKS:
+            state.marks_count = 0
+            why = lib.usd_walk(self._layout, (self._bytes, end), strict, state)
+            for mark in self._marks[0 : state.marks_count]:
+                if mark.kind == lib.USD_STATUS:
+                    statuses.append(mark.offset)
+                else:
+                    backs.append(Mark(mark.offset, mark.before, mark.stamp))
+        latest = state.last if state.has_last else None
+        rows = tuple(state.rows[0 : len(self.header.types)])
+        return Walk(begin, state.at, why, state.row, latest, tuple(statuses), tuple(backs), rows)
+
+    def chain(self, at: int, last: int | None, most: int) -> tuple[int, bool]:
+        """How many rows follow each other there, and whether the end is behind them."""
+        before = ffi.NULL if last is None else ffi.new("uint64_t *", last)
+        ends = ffi.new("bool *")
+        rows = lib.usd_chain(self._layout, (self._bytes, len(self.data)), at, before, most, ends)
+        return int(rows), bool(ends[0])
+
+    def follows(self, at: int, last: int | None) -> bool:
+        """Do enough rows follow each other there, to believe that they are rows?"""
+        rows, ends = self.chain(at, last, lib.USD_CHAIN_LONG if last is None else lib.USD_CHAIN)
+        if last is None:
+            return bool(rows >= lib.USD_CHAIN_LONG or (ends and rows >= lib.USD_CHAIN_END))
+        return bool(rows >= lib.USD_CHAIN or (ends and rows > 0))
+
+    def find(self, at: int, last: int | None) -> int:
+        before = ffi.NULL if last is None else ffi.new("uint64_t *", last)
+        return int(lib.usd_find(self._layout, (self._bytes, len(self.data)), at, before))
+
+    def type_at(self, at: int) -> EventType | None:
+        number = self._layout.type_of_id[int.from_bytes(self.data[at : at + lib.USD_ID_BYTES], "little")]
+        return self.header.types[number - 1] if number else None
+
+    def row_bytes_at(self, at: int) -> int:
+        """Of a row with a known id."""
+        each = self.type_at(at)
+        return lib.USD_ID_BYTES + each.row_bytes if each else 0
+
+    def stamp_at(self, at: int) -> int:
+        begin = at + lib.USD_ID_BYTES
+        return int.from_bytes(self.data[begin : begin + self._layout.stamp_bytes], "little")
+
+    def is_return(self, mark: Mark) -> bool:
+        """A single time that went back, and not the clock: the rows behind it go on from where it was."""
+        return self.follows(mark.offset + self.row_bytes_at(mark.offset), mark.before)
+
+    def sessions(self, statuses: tuple[int, ...]) -> set[int]:
+        """Of status rows at these places."""
+        if self.header.status is None or not statuses:
+            return set()
+        after = lib.USD_ID_BYTES + self.header.types[self.header.status].row_bytes - SESSION_BEFORE_END
+        places = np.array(statuses, np.int64)[:, None] + np.arange(after, after + 4)
+        return set(np.frombuffer(self.data, np.uint8)[places].view("<u4").ravel().tolist())
+
+    def copy(self, pieces: list[Piece]) -> dict[str, Rows]:
+        """The rows of all pieces, by type."""
+        types = self.header.types
+        counts = [sum(piece.walk.rows[number] for piece in pieces) for number in range(len(types))]
+        arrays = [np.empty(count, each.dtype) for each, count in zip(types, counts, strict=True)]
+        out = ffi.new("uint8_t *[]", [ffi.from_buffer("uint8_t[]", array) for array in arrays])
+        room = ffi.new("uint64_t[]", counts)
+        filled = ffi.new("uint64_t[]", len(types))
+        index = Index(len(types))
+        for piece in pieces:
+            before = list(filled)
+            begin, end = piece.walk.begin, piece.walk.end
+            if not lib.usd_copy(self._layout, (self._bytes, len(self.data)), begin, end, out, room, filled):
+                raise AssertionError(f"bytes {begin} to {end} were rows, and are none")
+            index.add(piece, before, list(filled))
+        return index.rows(types, arrays)
+
+
+class Index:
+    """Row numbers that are verified, and those of each epoch."""
+
+    def __init__(self, types: int) -> None:
+        self._verified: list[list[range]] = [[] for _ in range(types)]
+        self._epochs: list[list[range]] = [[] for _ in range(types)]
+
+    def add(self, piece: Piece, before: list[int], after: list[int]) -> None:
+        for number, (first, behind) in enumerate(zip(before, after, strict=True)):
+            epochs = self._epochs[number]
+            while len(epochs) <= piece.epoch:
+                epochs.append(range(first, first))
+            epochs[-1] = range(epochs[-1].start, behind)
+            verified = self._verified[number]
+            if piece.verified and first < behind:
+                if verified and verified[-1].stop == first:
+                    first = verified.pop().start
+                verified.append(range(first, behind))
+
+    def rows(self, types: tuple[EventType, ...], arrays: list[np.ndarray[Any, np.dtype[Any]]]) -> dict[str, Rows]:
+        return {
+            each.name: Rows(each, arrays[number], tuple(self._verified[number]), tuple(self._epochs[number]))
+            for number, each in enumerate(types)
+        }
+
+
+def epochs_of(reader: RowReader, pieces: list[Piece]) -> tuple[Epoch, ...]:
+    """One for each number that the pieces bear."""
+    found: list[Epoch] = []
+    unit_us = reader.header.unit_us
+    for piece in pieces:
+        first, last = reader.stamp_at(piece.walk.begin) * unit_us, (piece.walk.last or 0) * unit_us
+        if piece.epoch < len(found):
+            old = found[-1]
+            found[-1] = replace(old, last_us=max(old.last_us, last))
+        else:
+            why = f"the clock was reset: it had counted to {found[-1].last_us} us" if found else "the log begins"
+            found.append(Epoch(piece.walk.begin, first, last, why))
+    return tuple(found)
