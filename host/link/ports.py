@@ -44,7 +44,8 @@ class Port(Protocol):
 
     def read(self, wanted: int) -> bytes | memoryview | None:
         """What has come: valid until the next read. None: nothing for POLL_S. Empty: nothing ever will again.
-        A slow line waits until there are `wanted` bytes, or less after POLL_S; more are taken if they are there."""
+        A slow line waits until there are `wanted` bytes, or less after POLL_S, a simulated one 5 ms; TCP does not. More
+        are taken if they are there."""
 
     def write(self, data: bytes) -> None:
         """Sends, or keeps what the line does not take now until the next call."""
@@ -117,6 +118,7 @@ class SerialPort:
         """Of a replay: the one that it was recorded with."""
         self.clock_ns: Callable[[], int] = getattr(port, "clock_ns", time.monotonic_ns)
         self._port = port
+        self._read_some: Callable[[int], bytes] = getattr(port, "read_some", self._read_and_look)
         self._unsent = b""
         if hasattr(port, "tell_seams"):
             port.tell_seams()
@@ -125,14 +127,16 @@ class SerialPort:
     def seam(self) -> str:
         return getattr(self._port, "seam", "")
 
+    def _read_and_look(self, wanted: int) -> bytes:
+        data: bytes = self._port.read(1 if self.framing == "tcp" else wanted)
+        waiting = self._port.in_waiting if data else 0
+        return data + self._port.read(waiting) if waiting else data
+
     def read(self, wanted: int) -> bytes | None:
         from serial import SerialException
 
         try:
-            data: bytes = self._port.read(wanted)
-            waiting = self._port.in_waiting if data else 0
-            if waiting:
-                data += self._port.read(waiting)
+            data = self._read_some(wanted)
         except (SerialException, OSError) as error:
             self.ended = "" if getattr(self._port, "over", False) else str(error)
             return b""

@@ -165,16 +165,21 @@ class Session:
 
     @property
     def bytes_wanted(self) -> int:
-        """The next bytes mean nothing before so many have come: what a slow port may wait for."""
+        """Nothing under way is complete before so many more bytes have come: what a port may wait for, but on TCP
+        not for long, as another packet may overtake a frame."""
+        stream = self._stream
         if self.framing == "cpx-uart":
-            uart = self._stream.uart
+            uart = stream.uart
             waiting = uart.rx_fill - uart.rx_taken
             size = 2 if waiting < 2 else 3 + uart.rx[uart.rx_taken + 1]  # a credit; start, length, check and the rest
             return int(max(1, size - waiting))
         if self.framing == "stamps":
             # A longer message of another firmware may be under way.
-            return int(max(1, lib.STAMP_BYTES - self._stream.stamps.fill))
-        return 1
+            return int(max(1, lib.STAMP_BYTES - stream.stamps.fill))
+        if not stream.in_frame:
+            return 1
+        unjudged = stream.window_fill - stream.at
+        return int(max(1, stream.open.size - stream.open.received - unjudged))
 
     @property
     def frame_progress(self) -> int:

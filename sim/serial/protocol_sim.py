@@ -23,6 +23,8 @@ from sim.world import World
 NS = 1_000_000_000
 STEP_NS = NS // 50
 """The world runs this far, at most, before other threads get their turn."""
+GATHER_NS = NS // 200
+"""What a read may wait for when something is there and means nothing yet."""
 LOOK_NS = NS // 1000
 """What a look at in_waiting costs with pace=max: who only looks must not wait for ever."""
 SLEEP_S = 0.002
@@ -104,6 +106,7 @@ class Serial(SerialBase):  # type: ignore[misc]
         self.reader = None
         self._pace = made.pace
         self._cancelled = self._was_connected = False
+        self._end.read()  # what a port before this one had left
         self._end.connect()
         self.is_open = True
 
@@ -133,22 +136,29 @@ class Serial(SerialBase):  # type: ignore[misc]
         """Bytes that can be read now."""
         shared = self._open()
         if not self._end.available:
-            self._run(shared, shared.world.now_ns + LOOK_NS, size=1)
+            self._run(shared, None, 1, LOOK_NS)
         return self._end.available
 
     def read(self, size: int = 1) -> bytes:
         """As many bytes, or fewer after `timeout` simulated seconds, cancel_read or close."""
+        return self._read(size, size, size)
+
+    def read_some(self, wanted: int) -> bytes:
+        """What is there once something is; for `wanted` bytes it waits GATHER_NS more, at most."""
+        return self._read(1, None, wanted)
+
+    def _read(self, size: int, most: int | None, wanted: int) -> bytes:
         shared = self._open()
         self.reader = threading.current_thread()
         deadline_ns = self._deadline_ns(shared, self._timeout)
         out = bytearray()
         while True:
             with shared.changed:
-                got = self._end.read(size - len(out))
+                got = self._end.read(None if most is None else most - len(out))
                 if got:
                     out += got
                     shared.changed.notify_all()
-            if len(out) == size or self._cancelled or not self.is_open:
+            if len(out) >= size or self._cancelled or not self.is_open:
                 break
             if not got and self._gone():
                 if out:
@@ -156,7 +166,7 @@ class Serial(SerialBase):  # type: ignore[misc]
                 raise SerialException(GONE)
             if deadline_ns is not None and shared.world.now_ns >= deadline_ns:
                 break
-            self._run(shared, deadline_ns, size - len(out))
+            self._run(shared, deadline_ns, wanted - len(out), STEP_NS if wanted == size else GATHER_NS)
         self._cancelled = False
         return bytes(out)
 
@@ -174,7 +184,7 @@ class Serial(SerialBase):  # type: ignore[misc]
                 if sent:
                     return sent
                 raise SerialTimeoutException("Write timeout")
-            self._run(shared, shared.world.now_ns + LOOK_NS, size=0)
+            self._run(shared, None, 0, LOOK_NS)
             sent += self._end.write(data[sent:])
         return sent
 
@@ -235,7 +245,7 @@ class Serial(SerialBase):  # type: ignore[misc]
         # A caller that was away for long does not count the time that the world has to catch up.
         return (max(now_ns, shared.allowed_ns()) if self._pace == "real" else now_ns) + round(timeout * NS)
 
-    def _run(self, shared: Shared, until_ns: int | None, size: int) -> None:
+    def _run(self, shared: Shared, until_ns: int | None, size: int, step_ns: int) -> None:
         """Lets some time pass, or waits until it may; ends early when `size` bytes are there (0: never)."""
         if self._pace == "max":
             self._wait_for_others(shared)
@@ -243,7 +253,7 @@ class Serial(SerialBase):  # type: ignore[misc]
                 return
         with shared.changed:
             now_ns = shared.world.now_ns
-            target_ns = now_ns + STEP_NS
+            target_ns = now_ns + step_ns
             if until_ns is not None:
                 target_ns = min(target_ns, until_ns)
             if self._pace == "real":

@@ -44,6 +44,7 @@ class Host:
 
     def connect(self):
         self.session = Session(self.framing, self.dialect)
+        self.asked = self.framing != "tcp"  # UART2 knows no connections
         self.broken = 0
         self._was_connected = False
         self._numbered = None
@@ -56,6 +57,7 @@ class Host:
             self.renumbered += self.session.counters.renumbered
             self.session = None
         self.robot.disconnect()
+        self.robot.read()  # what a socket that is closed had not been asked for
 
     def poll(self):
         if self.session is None:
@@ -81,6 +83,7 @@ class Host:
             self.session.tick(now_ns)
         out = self.session.data_to_send()
         if out:
+            self.asked = True
             self.robot.write(out)
 
     def _take(self, events):
@@ -91,6 +94,7 @@ class Host:
             elif isinstance(event, Frame):
                 self.frames.append(event)
                 if event.native:
+                    assert self.asked, f"frame {event.native.frame} is native, and this client has not asked"
                     numbered = (event, self.broken)
         if numbered:
             self._account(*numbered)

@@ -1,16 +1,20 @@
 """sim:// through pyserial: what a host's code sees of it."""
 
 import gc
+import itertools
 import threading
 import time
 
 import pytest
 import serial
 
-from host.link.records import Frame
+import host
+from host.link.records import Frame, Stamp
 from host.link.session import Session
 from host.protocol.errors import LocalError
+from sim import scenario
 from sim.serial import protocol_sim
+from sim.world import World
 
 serial.protocol_handler_packages.append("sim.serial")
 
@@ -27,6 +31,7 @@ def frames(port, count, dialect="native"):
         port.write(session.data_to_send())
         data = port.read(max(1, port.in_waiting))
         events = session.receive(data, port.clock_ns())
+        assert session.counters.garbage_bytes == session.counters.stray_packets == 0
         found += [event for event in events if isinstance(event, Frame) and (event.native or dialect == "stock")]
     return found
 
@@ -61,6 +66,73 @@ def test_one_byte_reads_give_the_same_bytes():
         whole = port.read(3000)
     with opened("sim://hover?pace=max&camera_width=32&camera_height=8") as port:
         assert b"".join(port.read() for _ in range(3000)) == whole
+
+
+def read_at_each_arrival(url, dialect, count):
+    """What the same host makes of it that reads at the very instant when bytes come."""
+    made = scenario.from_url(url)
+    session = Session(protocol_sim.FRAMINGS[made.robots[0].wire], dialect)
+    events = []
+    with World(made) as world:
+        robot = world.robots[0]
+        robot.connect()
+        while sum(isinstance(event, Frame | Stamp) for event in events) < count:
+            robot.write(session.data_to_send())
+            world.run_until(world.now_ns + 100_000_000, 0, 1)
+            data = robot.read()
+            if data:
+                events += session.receive(data, world.now_ns)
+            else:
+                session.tick(world.now_ns)
+            robot.write(session.data_to_send())
+    return events
+
+
+def times(events, of_frames):
+    """Of frames and stamps, or of everything else."""
+    return [
+        (type(event).__name__, event.arrival_host_ns)
+        for event in events
+        if isinstance(event, Frame | Stamp) == of_frames
+    ]
+
+
+@pytest.mark.parametrize(
+    ("scenario_keys", "dialect"),
+    [
+        ("hover?seed=7", "native"),
+        ("hover?seed=7&camera_encoding=jpeg&crtp_hz=100&tcp_bytes_per_s=300000", "native"),
+        ("hover?seed=8", "stock"),
+        ("lossy?seed=5", "native"),
+        ("paper?seed=2", "paper"),
+        ("nanocockpit?seed=2", "nanocockpit"),
+        ("hover?seed=7&wire=uart1", "stock"),
+    ],
+)
+def test_a_frame_has_the_time_when_its_last_byte_came(scenario_keys, dialect):
+    """Though the port reads a frame in few pieces. Other packets that overtake it may have waited for 5 ms."""
+    url = f"sim://{scenario_keys}&pace=max"
+    expected = read_at_each_arrival(url, dialect, 20)
+    with host.open(url, dialect=dialect) as stream:
+        events = list(itertools.islice(stream.events(), len(expected)))
+    frames, frames_expected = times(events, True), times(expected, True)
+    others, others_expected = times(events, False), times(expected, False)
+    assert frames == frames_expected
+    assert len(frames) >= 19
+    assert [name for name, _ in others] == [name for name, _ in others_expected]
+    assert all(0 <= came - then <= 5_000_000 for (_, came), (_, then) in zip(others, others_expected, strict=True))
+
+
+def test_a_frame_is_read_in_few_pieces():
+    """55 segments."""
+    with opened("sim://hover?pace=max&spi_hz=20000000") as port:
+        session = Session("tcp", "stock")
+        reads = found = 0
+        while found < 10:
+            events = session.receive(port.read_some(session.bytes_wanted), port.clock_ns())
+            found += sum(isinstance(event, Frame) for event in events)
+            reads += 1
+    assert reads < 150
 
 
 def test_timeout_counts_simulated_seconds():
@@ -100,6 +172,19 @@ def test_robots_share_a_world():
         assert a.clock_ns() == b.clock_ns()
     with opened("sim://swarm?pace=max&robot=0&seed=2") as a, opened("sim://swarm?pace=max&robot=2") as b:
         assert a.world is not b.world, "another seed is another world"
+
+
+def test_what_one_port_left_unread_is_nothing_for_the_next():
+    with opened("sim://swarm?pace=max&robot=1") as other:
+        with opened("sim://swarm?pace=max&robot=0") as port:
+            assert len(port.read(5)) == 5, "inside a packet"
+            other.read(200_000)
+            assert port.in_waiting > 10_000
+        with opened("sim://swarm?pace=max&robot=0") as port:
+            assert port.world is other.world
+            (frame,) = frames(port, 1, "stock")
+            assert frame.index == 0
+            assert not frame.native
 
 
 def test_a_robot_has_one_port():
