@@ -7,19 +7,19 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..protocol.errors import ConnectionLostError, LocalError, PeerError, PeerSilentError
+from ..protocol.errors import LocalError, PeerError, PeerSilentError
 from .stream import positive
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..link.deck import Heard
     from ..link.stream import Stream
     from ..protocol.packets import CameraSettings
 
 CAMERA = """\
 All settings are sent together, and hold from the next capture on: what is not given goes to its default.
-The GAP8 needs firmware that speaks native, or the dataset paper's; nothing is sent to any other.
+The GAP8 needs firmware that speaks native, or the dataset paper's; nothing is sent to any other. A TCP connection is
+listened to first, for 2 s at most, to tell which firmware speaks.
 
 examples:
   host deck camera --port socket://192.168.4.1:5000 --exposure-lines 300 --analog-gain 2
@@ -27,14 +27,18 @@ examples:
 """
 WIFI = """\
 Nothing in the protocol acknowledges these messages: what was sent and what was heard is told. An ESP32 that changes
-its network ends the connection. The settings last until it restarts.
+its network ends the connection. The settings last until it restarts. NanoCockpit's network is compiled into it.
 A key on the command line is seen by other users of this computer (ps): without --key it is asked for.
 
 examples:
   host deck wifi --port socket://192.168.4.1:5000 --mode station --ssid lab --key-file lab.key
   host deck wifi --port socket://192.168.4.1:5000 --mode ap --ssid drone7 --open
 """
-REPEAT_S = 1.0
+COMPILED_IN = {
+    "camera": "NanoCockpit's camera settings are compiled into it",
+    "wifi": "NanoCockpit's network is compiled into its ESP32, which knows no message about it",
+}
+"""Why NanoCockpit is not asked."""
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -46,11 +50,11 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     camera = of_deck.add_parser("camera", help="exposure, gain, rate, encoding", epilog=CAMERA)
     add = add_common(camera, timeout_s=10.0)
     exposure = camera.add_mutually_exclusive_group()
-    exposure.add_argument("--exposure-lines", type=int, metavar="N", help="fixed exposure, 2..65535 lines")
+    exposure.add_argument("--exposure-lines", type=int, metavar="N", help="fixed exposure, 2..65533 lines")
     exposure.add_argument("--auto-exposure", action="store_true", help="automatic exposure (default)")
     add("--analog-gain", type=int, metavar="X", help="1, 2, 4 or 8 (default 1)")
     add("--digital-gain", type=int, metavar="N", help="in 1/64, 1..255 (default 64)")
-    add("--fps", type=positive(float), metavar="F", help="frames per second (default: as fast as it goes)")
+    add("--fps", type=positive(float), metavar="F", help="frames per second, 0.1..218 (default: as fast as it goes)")
     add("--burst", type=int, metavar="N", help="images back to back, 1..3 (default 1)")
     add("--encoding", choices=["raw", "jpeg"], help="default raw")
     camera.set_defaults(run=run_camera)
@@ -79,21 +83,19 @@ def run_camera(arguments: argparse.Namespace) -> int:
     """Waits until the GAP8 has announced native, asks, and waits for its reply."""
     from ..native import lib
     from ..protocol.codec import RANGES, encode_camera_request
+    from .deck_talk import Talk
 
     settings = camera_settings(arguments)
     request = encode_camera_request(settings)
     with open_deck(arguments) as stream:
-        talk = Talk(stream, arguments.timeout)
+        talk = Talk(stream, arguments.timeout, COMPILED_IN["camera"])
+        talk.listen()
         talk.until(lambda heard: heard.native or heard.is_stock)
         if talk.heard.dialect == "paper":
             return send_paper(arguments, stream, settings)
-        if talk.heard.dialect == "nanocockpit":
-            raise PeerError(
-                f"{arguments.port}: NanoCockpit's camera settings are compiled into it. Nothing was sent to the GAP8"
-            )
         if talk.heard.is_stock:
             raise PeerError(
-                f"{arguments.port}: the firmware is stock: it sends images and has no camera settings. Nothing was sent"
+                f"{arguments.port}: the firmware is stock: it has no camera settings. The GAP8 was sent nothing"
             )
         if talk.heard.native:
             talk.until(lambda heard: heard.reply is not None, (lib.CPX_GAP8, lib.CPX_APP, request))
@@ -118,6 +120,8 @@ def run_camera(arguments: argparse.Namespace) -> int:
 
 def send_paper(arguments: argparse.Namespace, stream: Stream, settings: CameraSettings) -> int:
     """In the message of the dataset paper's firmware, which nothing answers."""
+    from .deck_talk import REPEAT_S
+
     if arguments.fps is not None:
         raise LocalError("--fps: the paper's firmware has no frame rate, it takes as many as it can: leave it out")
     stream.send_camera(settings)
@@ -134,6 +138,7 @@ def send_paper(arguments: argparse.Namespace, stream: Stream, settings: CameraSe
 
 def camera_settings(arguments: argparse.Namespace) -> CameraSettings:
     """From the options. LocalError when none is given; values are judged by the encoder."""
+    from ..link.deck import LINES_MAX, frame_period_us
     from ..protocol.packets import CameraSettings
 
     names = ("exposure_lines", "analog_gain", "digital_gain", "burst", "encoding")
@@ -141,11 +146,11 @@ def camera_settings(arguments: argparse.Namespace) -> CameraSettings:
     if not given and arguments.fps is None and not arguments.auto_exposure:
         raise LocalError("nothing to set: give at least one of the camera's options (host deck camera --help)")
     given["auto_exposure"] = arguments.exposure_lines is None
+    if (arguments.exposure_lines or 0) > LINES_MAX:
+        raise LocalError(f"--exposure-lines {arguments.exposure_lines}: the sensor can do 2..{LINES_MAX}")
     if arguments.fps is not None:
         burst = given.get("burst", 1)
-        if arguments.fps < burst / 10:
-            raise LocalError(f"--fps {arguments.fps:g}: at least {burst / 10:g}, a burst each 10 s")
-        given["frame_period_us"] = round(1e6 * burst / arguments.fps)
+        given["frame_period_us"] = frame_period_us(arguments.fps, burst, arguments.exposure_lines)
     return CameraSettings(**given)
 
 
@@ -153,10 +158,12 @@ def run_wifi(arguments: argparse.Namespace) -> int:
     """Sends the settings to an ESP32 that has answered an echo, and tells what is heard."""
     from ..link.deck import wifi_packets
     from ..native import lib
+    from .deck_talk import Talk
 
     packets = wifi_packets(arguments.ssid, network_key(arguments), arguments.mode == "station")
     with open_deck(arguments) as stream:
-        talk = Talk(stream, arguments.timeout)
+        talk = Talk(stream, arguments.timeout, COMPILED_IN["wifi"])
+        talk.listen()
         talk.until(lambda heard: heard.echo)
         if not talk.heard.echo:
             raise PeerSilentError(f"{talk.silent()} (No setting was sent.)")
@@ -201,53 +208,6 @@ def network_key(arguments: argparse.Namespace) -> str:
     if not key:
         raise LocalError("the key is empty: give 8 to 64 bytes, or --open for a network without a key")
     return key
-
-
-class Talk:
-    """Asks again each second, and listens."""
-
-    def __init__(self, stream: Stream, timeout_s: float) -> None:
-        from ..link.deck import Heard
-
-        self.heard: Heard = Heard()
-        self.ended = False
-        self.asked = 0
-        self._stream = stream
-        self._timeout_ns = int(timeout_s * 1e9)
-        self._began_ns = stream.port.clock_ns()
-
-    def until(
-        self,
-        done: Callable[[Heard], bool],
-        question: tuple[int, int, bytes] | None = None,
-        may_end: bool = False,
-    ) -> None:
-        """Until that is so or the time is up; `question` goes to the GAP8, an echo to the ESP32."""
-        from ..link.deck import ECHO
-        from ..native import lib
-
-        stream = self._stream
-        began_ns = next_ns = stream.port.clock_ns()
-        while not done(self.heard) and stream.port.clock_ns() - began_ns < self._timeout_ns:
-            if stream.port.clock_ns() >= next_ns:
-                next_ns += int(REPEAT_S * 1e9)
-                if question is not None:
-                    stream.send(*question)
-                    self.asked += 1
-                if not self.heard.echo:
-                    stream.send(lib.CPX_ESP32, lib.CPX_TEST, ECHO)
-            events = stream.poll()
-            if events is None:
-                self.ended = True
-                if may_end:
-                    return
-                raise ConnectionLostError(f"{stream.port.url}: {stream.port.ended or 'the connection has ended'}")
-            self.heard.take(events, stream.counters.bytes)
-
-    def silent(self) -> PeerSilentError:
-        """Who has not answered."""
-        seconds = (self._stream.port.clock_ns() - self._began_ns) * 1e-9
-        return PeerSilentError(f"{self._stream.port.url}: {self.heard.who_is_silent(seconds, self.asked)}")
 
 
 def open_deck(arguments: argparse.Namespace) -> Stream:

@@ -1,8 +1,9 @@
 """Asking a deck to change something, and telling from what is heard who answered and who did not. Pure.
 
 Neither firmware acknowledges settings of the network, and firmware that does not know a message ignores it, or worse:
-the stock GAP8 stops receiving behind a packet that nobody reads. So the ESP32 is asked for an echo, which every one of
-them gives, and the GAP8 is asked for nothing before it has announced that it speaks native.
+the stock GAP8 stops receiving behind a packet that nobody reads, and NanoCockpit's ESP32 takes a packet of CPX for a
+longer one and loses its place. So a TCP connection is listened to first. Then the ESP32 is asked for an echo, which
+every one that knows CPX gives, and the GAP8 is asked for nothing before it has announced that it speaks native.
 """
 
 from __future__ import annotations
@@ -11,10 +12,21 @@ from dataclasses import dataclass, field
 
 from ..native import lib
 from ..protocol.errors import LocalError
-from .records import Announced, Console, Event, Frame, LostFrame, Packet, Reply
+from .records import Announced, Console, Event, Frame, LostFrame, Packet, Reply, SessionCounters
 
 ECHO = bytes([lib.TEST_ECHO]) + b"spindeck"
 SSID_BYTES, KEY_BYTES = range(1, 33), range(8, 65)
+LISTEN_S = 2.0
+"""A camera that sends has sent by then. A NanoCockpit that is silent for longer is taken for an ESP32 with CPX."""
+
+PERIOD_S_MAX = 10
+"""Of frame_period_us in the message."""
+FPS_MAX = 218
+"""Of the sensor (HM01B0, at its 6 MHz pixel clock) with 162 x 122 pixels: 61 with 324 x 244, 46 with 324 x 324."""
+LINES_MAX = 65533
+"""Of exposure: two less than the lines of a frame, for which the sensor has 16 bits."""
+LINE_US_MIN = 215 / 6
+"""The shortest line: 215 pixel clocks of 6 MHz, in the half resolutions."""
 
 
 @dataclass(slots=True)
@@ -22,6 +34,13 @@ class Heard:
     """Everything that tells who is there, since the connection began."""
 
     bytes: int = 0
+    packets: int = 0
+    garbage: int = 0
+    """Bytes."""
+    nanocockpit: bool = False
+    """The bytes follow its rule."""
+    broken: int = 0
+    """Images that came in part."""
     echo: bool = False
     """The ESP32 has sent ours back."""
     images: int = 0
@@ -36,15 +55,18 @@ class Heard:
     """Of the ESP32, about its network."""
     address: str | None = None
 
-    def take(self, events: list[Event], bytes_received: int) -> None:
+    def take(self, events: list[Event], counters: SessionCounters, reads_cpx: bool) -> None:
         """What one read has brought."""
-        self.bytes = bytes_received
+        self.bytes, self.garbage = counters.bytes, counters.garbage_bytes
+        self.packets = sum(counters.packets.values())
+        self.nanocockpit |= not reads_cpx
         for event in events:
             if isinstance(event, Frame | LostFrame | Announced | Reply) or (
                 isinstance(event, Console) and event.source == "GAP8"
             ):
                 self.gap8 = True
             self.native |= isinstance(event, Announced) or (isinstance(event, Frame) and event.native is not None)
+            self.broken += isinstance(event, LostFrame)
             if isinstance(event, Frame):
                 self.images += 1
                 self.dialect = event.dialect
@@ -70,6 +92,16 @@ class Heard:
         """Whole images, and none that announces native."""
         return self.images > 0 and not self.native
 
+    @property
+    def is_cpx(self) -> bool:
+        """Images say so for sure."""
+        return not self.nanocockpit and (self.native or self.images + self.broken > 0)
+
+    @property
+    def may_be_cpx(self) -> bool:
+        """Silence, or packets and nothing else."""
+        return not self.nanocockpit and self.garbage == 0 and (self.bytes == 0 or self.packets > 0)
+
     def who_is_silent(self, seconds: float, asked: int) -> str:
         """Why there is no answer; `asked`: how often the GAP8 was."""
         if self.bytes == 0:
@@ -88,6 +120,23 @@ class Heard:
                 f"the ESP32 answers the echo, and the GAP8 has been silent for {seconds:.1f} s: is its camera running?"
             )
         return f"ESP32 and GAP8 are there, and no whole image came in {seconds:.1f} s"
+
+
+def frame_period_us(fps: float, burst: int, exposure_lines: int | None) -> int:
+    """Of the camera's settings. LocalError for what the message cannot carry or the sensor cannot do; `exposure_lines`:
+    None when the sensor chooses."""
+    least = burst / PERIOD_S_MAX
+    if not least <= fps <= FPS_MAX:
+        raise LocalError(
+            f"--fps {fps:g}: at least {least:g}, a burst each {PERIOD_S_MAX} s, which is what the message can carry; "
+            f"at most {FPS_MAX}, which is what the sensor can do with 162 x 122 pixels (61 with 324 x 244)"
+        )
+    if exposure_lines is not None and exposure_lines * LINE_US_MIN * fps > 1e6:
+        raise LocalError(
+            f"--exposure-lines {exposure_lines} with --fps {fps:g}: that is longer than a frame, a line takes "
+            f"{LINE_US_MIN:.1f} us at least: at most {int(1e6 / (LINE_US_MIN * fps))} lines"
+        )
+    return round(1e6 * burst / fps)
 
 
 def wifi_packets(ssid: str, key: str, station: bool) -> list[tuple[str, bytes]]:

@@ -101,42 +101,96 @@ def test_camera_on_either_wire(wire: str) -> None:
     assert told["settings"]["auto_exposure"] is True
 
 
-def test_stock_firmware_is_asked_nothing() -> None:
-    """A packet that nobody reads would stop its reception for good."""
-    heard = b""
+STOCK_IMAGE = packet(struct.pack("<BHHBBI", 0xBC, 8, 6, 1, 0, 48), GAP8_APP) + packet(bytes(48), GAP8_APP)
+METADATA = bytes([10]) + struct.pack("<HHBBB", 8, 6, 1, 0, 7) + bytes(140)
+BUFFER = struct.pack("<BBII2x", 0x10, 1, 196, 0) + METADATA + bytes(48)
+NANOCOCKPIT_IMAGE = struct.pack("<H", len(BUFFER)) + b"\x63\x06" + BUFFER
+WIFI = ["wifi", "--mode", "ap", "--ssid", "lab", "--open"]
+
+
+def listener() -> tuple[bytearray, Callable[[bytes], bytes]]:
+    """What a deck that answers nothing has been sent."""
+    heard = bytearray()
 
     def answer(data: bytes) -> bytes:
-        nonlocal heard
-        heard += data
-        body = bytes(48)
-        return packet(struct.pack("<BHHBBI", 0xBC, 8, 6, 1, 0, 48), GAP8_APP) + packet(body, GAP8_APP)
+        heard.extend(data)
+        return b""
 
-    with server(answer) as port:
+    return heard, answer
+
+
+def test_stock_firmware_is_asked_nothing() -> None:
+    """A packet that nobody reads would stop its reception for good."""
+    heard, answer = listener()
+    with server(answer, STOCK_IMAGE) as port:
         code, _, err = deck("camera", "--port", port, "--fps", "5")
     assert code == 4
     assert "the firmware is stock" in err
-    assert heard == packet(ECHO, b"\x5a\x0e")  # the one to the ESP32
+    assert heard == b""
+
+
+@pytest.mark.parametrize(
+    ("words", "says"), [(["camera", "--fps", "5"], "camera settings are compiled"), (WIFI, "network is compiled")]
+)
+@pytest.mark.parametrize("greeting", [NANOCOCKPIT_IMAGE, b"\x01\x02\x03" + NANOCOCKPIT_IMAGE * 2])
+def test_nanocockpit_is_listened_to_and_sent_nothing(words: list[str], says: str, greeting: bytes) -> None:
+    """Its bridge would take a packet of CPX for a longer one and wait for the rest."""
+    heard, answer = listener()
+    with server(answer, greeting) as port:
+        code, told, err = deck(*words, "--port", port)
+    assert (code, told) == (4, None)
+    assert says in err
+    assert err.endswith("Nothing was sent\n")
+    assert heard == b""
+
+
+@pytest.mark.parametrize("words", [["camera", "--fps", "5"], WIFI])
+def test_bytes_of_nobody_known_are_answered_with_nothing(words: list[str]) -> None:
+    heard, answer = listener()
+    with server(answer, b"HTTP/1.1 400 Bad Request\r\n" * 20) as port:
+        code, _, err = deck(*words, "--port", port, "--timeout", "1")
+    assert code == 4
+    assert "520 bytes, 0 packets and no image in them: neither CPX nor" in err
+    assert heard == b""
+
+
+def test_a_deck_without_a_camera_is_asked_after_a_while() -> None:
+    """Its ESP32 says nothing by itself."""
+    heard, answer = listener()
+    with server(answer) as port:
+        code, _, err = deck(*WIFI, "--port", port, "--timeout", "1")
+    assert code == 3
+    assert "not a byte" in err
+    assert heard[:13] == packet(ECHO, b"\x5a\x0e")
+
+
+def test_nanocockpit_that_wakes_up_late_is_sent_no_more() -> None:
+    heard = bytearray()
+
+    def answer(data: bytes) -> bytes:
+        heard.extend(data)
+        return NANOCOCKPIT_IMAGE
+
+    with server(answer) as port:
+        code, _, err = deck(*WIFI, "--port", port, "--timeout", "2")
+    assert code == 4
+    assert err.endswith("An echo request was sent\n")
+    assert heard == packet(ECHO, b"\x5a\x0e")
 
 
 def test_the_papers_firmware_gets_its_own_message() -> None:
     """Eight bytes, once; nothing answers."""
-    heard = b""
-
-    def answer(data: bytes) -> bytes:
-        nonlocal heard
-        heard += data
-        header = struct.pack("<BHHBBII7f", 0xBC, 8, 6, 1, 0, 48, 5, 0, 0, 0, 0, 0, 0, 1)
-        return packet(header, GAP8_APP) + packet(bytes(48), GAP8_APP)
-
-    with server(answer) as port:
+    heard, answer = listener()
+    header = struct.pack("<BHHBBII7f", 0xBC, 8, 6, 1, 0, 48, 5, 0, 0, 0, 0, 0, 0, 1)
+    image = packet(header, GAP8_APP) + packet(bytes(48), GAP8_APP)
+    with server(answer, image) as port:
         code, told, err = deck("camera", "--port", port, "--exposure", "50", "--analog-gain", "8", "--burst", "3")
         assert (code, told["status"], told["settings"]["exposure_lines"]) == (0, None, 50), err
-    with server(answer) as port:
+    with server(answer, image) as port:
         code, _, err = deck("camera", "--port", port, "--exposure", "50", "--fps", "5")
         assert code == 2
         assert "no frame rate" in err
-    settings = packet(struct.pack("<BBBBHBB", 0, 0, 8, 64, 50, 3, 0), b"\x5c\x05")
-    assert heard == packet(ECHO, b"\x5a\x0e") + settings + packet(ECHO, b"\x5a\x0e")
+    assert heard == packet(struct.pack("<BBBBHBB", 0, 0, 8, 64, 50, 3, 0), b"\x5c\x05")
 
 
 def test_camera_of_simulated_robots_with_other_firmware() -> None:
@@ -165,6 +219,14 @@ def test_camera_who_is_silent(answer: Callable[[bytes], bytes], greeting: bytes,
     assert told is None
     assert says in err
     assert err.count("\n") == 1
+
+
+def test_camera_values_at_the_limits() -> None:
+    """They reach the port."""
+    for words in (["--fps", "218"], ["--fps", "0.1"], ["--exposure-lines", "930", "--fps", "30"]):
+        code, _, err = deck("camera", "--port", "/no/such/port", *words)
+        assert code == 2
+        assert "/no/such/port" in err
 
 
 def test_camera_refused() -> None:
@@ -197,6 +259,13 @@ def test_a_connection_that_ends() -> None:
         (["--burst", "4"], "1..3"),
         (["--fps", "0"], "--fps"),
         (["--fps", "0.01"], "at least 0.1"),
+        (["--fps", "0.1", "--burst", "2"], "at least 0.2"),
+        (["--fps", "100000"], "at most 218"),
+        (["--fps", "218.5"], "at most 218"),
+        (["--fps", "nan"], "--fps"),
+        (["--exposure-lines", "65534"], "2..65533"),
+        (["--exposure-lines", "931", "--fps", "30"], "at most 930 lines"),
+        (["--exposure-lines", "65533", "--fps", "30"], "35.8 us"),
         (["--exposure-lines", "9", "--auto-exposure"], "not allowed with"),
     ],
 )
