@@ -1,3 +1,4 @@
+#include "calls.h"
 #include "config.h"
 #include "world.h"
 
@@ -28,6 +29,9 @@ static void robot_free(robot_t *r) {
         free(r->pipes[direction].segments);
     }
     emulated_free(r);
+    for (int mcu = 0; mcu < MCU_COUNT; mcu++) {
+        calls_free(r->recorders[mcu]);
+    }
     free(r->camera.raw);
     free(r->camera.jpegs);
     free(r->host_in.data);

@@ -126,6 +126,18 @@ typedef struct {
     uint64_t overflowed; ///< bytes lost because the host did not read, or too many were delayed on a UART
 } wire_counts_t;
 
+/// One call of one of a node's four verbs.
+typedef enum { CALL_INIT = 0, CALL_RECEIVE = 1, CALL_TRANSMIT = 2, CALL_DEADLINE = 3 } call_verb_t;
+typedef struct {
+    instant_t now;   ///< zero of CALL_DEADLINE, which has none
+    uint64_t result; ///< what it returned, sign-extended
+    uint64_t offset; ///< of its bytes in the calls' data: the config, what came in, what was given out
+    uint32_t length; ///< of them
+    uint32_t room;   ///< CALL_TRANSMIT: how much could have been given out
+    uint8_t verb;    ///< call_verb_t
+    uint8_t port;
+} call_t;
+
 enum { TRACE_OFF = 0, TRACE_HASH = 1, TRACE_FULL = 2 };
 enum {
     KERNEL_UNTIL = 0,
@@ -206,5 +218,14 @@ int kernel_trace(kernel_t *self, int mode);
 uint64_t kernel_trace_hash(const kernel_t *self, int robot, wire_t wire);
 const trace_run_t *kernel_trace_runs(const kernel_t *self, size_t *count);
 const uint8_t *kernel_trace_data(const kernel_t *self, size_t *size);
+
+/// Records all calls of this node's verbs from now on, with what they gave: enough to run the same app alone,
+/// in a debugger or on another machine. Before the first kernel_run it begins with CALL_INIT. Every camera
+/// body is kept: it is meant for seconds. KERNEL_ERR_CONFIG: no such node, or it is being recorded already.
+/// A node that is to be emulated must be so before. Out of memory: nothing is left (a count of 0). The
+/// pointers are valid until the next kernel_run.
+int kernel_record_calls(kernel_t *self, int robot, mcu_t mcu);
+const call_t *kernel_calls(const kernel_t *self, int robot, mcu_t mcu, size_t *count);
+const uint8_t *kernel_calls_data(const kernel_t *self, int robot, mcu_t mcu, size_t *size);
 
 #endif

@@ -148,10 +148,13 @@ typedef struct {
     random_t random;
 } camera_t;
 
+typedef struct recorder recorder_t; ///< calls.h
+
 typedef struct {
     uint32_t index;
     robot_config_t config;
     node_t nodes[MCU_COUNT];
+    recorder_t *recorders[MCU_COUNT]; ///< NULL: its calls are not recorded
     carrier_t carriers[WIRE_COUNT];
     line_t lines[LINE_COUNT];
     spi_t spi;
