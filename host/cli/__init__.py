@@ -14,7 +14,7 @@ import sys
 from collections.abc import Sequence
 
 from ..protocol.errors import ConnectionLostError, LocalError, PeerError, PeerSilentError, SpindeckError
-from . import deck, dissect, doctor, ports, recover, replay, sim, stream
+from . import deck, dissect, doctor, ports, recover, replay, sim, stream, usd
 
 EXIT_LOCAL = 2
 EXIT_INTERRUPTED = 130
@@ -32,7 +32,8 @@ exit codes:
   1    an error of this program: please report what it has printed
   2    wrong arguments, or a port, file or scenario that cannot be used: the message says what to do
   3    the robot, or a part of it, is silent
-  4    the robot has refused, or has sent what makes no sense; of host doctor: something is wrong
+  4    the robot has refused, or has sent what makes no sense; of host doctor: something is wrong; of host usd: a log
+       that cannot be read, or is not whole
   5    the connection ended before all that was wanted had come
   130  stopped with Ctrl-C before it was done
 """
@@ -54,6 +55,7 @@ def parser() -> argparse.ArgumentParser:
     doctor.add_parser(commands)
     dissect.add_parser(commands)
     deck.add_parser(commands)
+    usd.add_parser(commands)
     list_exit_codes(top)
     return top
 

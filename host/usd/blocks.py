@@ -18,6 +18,8 @@ from .rows import crc32, filling
 
 FIRST = b"tick(I),"
 NAME = "fixedFrequency"
+FIXED_FREQUENCY = 0xFFFF
+"""Its id in later versions; here it has none."""
 HEADER_MAX = 1 + 255 * 64
 CRC_BYTES = 4
 GOOD = 0xFFFFFFFF
@@ -62,7 +64,7 @@ def read_header(data: memoryview) -> tuple[EventType, int]:
         at = end + 1
     if at + CRC_BYTES > len(data):
         raise HeaderError(at, "the file is cut off in the header")
-    made = event_type(0, NAME, variables[1:], STAMP_US)
+    made = event_type(FIXED_FREQUENCY, NAME, variables[1:], STAMP_US)
     dtype: list[Any] = [(name, made.dtype[name]) for name in made.dtype.names or ()]
     dtype[0] = (STAMP_US, "<u4")
     return EventType(made.id, made.name, made.variables, np.dtype(dtype)), at + CRC_BYTES

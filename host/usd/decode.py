@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from mmap import mmap
 
@@ -9,7 +10,7 @@ from ..native import lib
 from .blocks import decode_blocks
 from .header import HeaderError, read_header
 from .log import ByteRange, Damage, Log
-from .recover import Recovered, recover
+from .recover import Recovered, merged, recover
 from .rows import CRC_BYTES, Piece, RowReader, crc32, epochs_of, filling
 
 Buffer = bytes | bytearray | memoryview | mmap
@@ -28,6 +29,8 @@ def decode(source: Buffer) -> Log:
         return nothing(data, error.at, error.why)
     reader = RowReader(data, header)
     found = whole(reader) or recover(reader)
+    if header.repaired is not None:
+        found = doubted(reader, found, header.repaired)
     return Log(
         size=len(data),
         version=2 if header.version == 2 else 1,
@@ -62,6 +65,25 @@ def whole(reader: RowReader) -> Recovered | None:
         parts = pairwise(borders)
         pieces = [Piece(reader.walk(*part, None, strict=False), True, epoch) for epoch, part in enumerate(parts)]
     return Recovered(pieces, [], [ByteRange(0, end)], next(iter(sessions), None), "good")
+
+
+def doubted(reader: RowReader, found: Recovered, repaired: int) -> Recovered:
+    """A repaired log's CRCs are good for all its rows; its notes say which of them were verified before."""
+    pieces: list[Piece] = []
+    since = 0
+    for piece in found.pieces:
+        begin = piece.walk.begin
+        for note in reader.places(repaired, piece.walk):
+            end = note + reader.row_bytes_at(note)
+            pieces.append(replace(piece, walk=reader.walk(begin, end, None, strict=False)))
+            if int.from_bytes(reader.data[end - 8 : end - 4], "little"):
+                pieces[since:] = [replace(each, verified=False) for each in pieces[since:]]
+            begin, since = end, len(pieces)
+        if begin < piece.walk.end:
+            pieces.append(replace(piece, walk=reader.walk(begin, piece.walk.end, None, strict=False)))
+    pieces[since:] = [replace(each, verified=False) for each in pieces[since:]]
+    verified = merged([ByteRange(each.walk.begin, each.walk.end) for each in pieces if each.verified])
+    return replace(found, pieces=pieces, verified=verified)
 
 
 def nothing(data: memoryview, at: int, why: str) -> Log:

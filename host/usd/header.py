@@ -10,7 +10,16 @@ from typing import Any
 import numpy as np
 
 from ..native import ffi, lib
-from .log import STAMP_MS, STAMP_US, STATUS_EVENT, STATUS_VARIABLES, EventType, Variable
+from .log import (
+    REPAIRED_EVENT,
+    REPAIRED_VARIABLES,
+    STAMP_MS,
+    STAMP_US,
+    STATUS_EVENT,
+    STATUS_VARIABLES,
+    EventType,
+    Variable,
+)
 
 MAGIC = 0xBC
 PREFIX = struct.Struct("<BHH")
@@ -44,6 +53,8 @@ class Header:
     """usd_layout_t of the C."""
     status: int | None
     """Which of the types is that of status rows."""
+    repaired: int | None
+    """And that of repair()'s notes."""
 
     @property
     def unit_us(self) -> int:
@@ -80,7 +91,10 @@ def read_header(data: memoryview) -> Header:
     """HeaderError when there is none."""
     if len(data) < PREFIX.size:
         raise HeaderError(
-            0, "empty: the logger never closed it, or never wrote" if not data else "cut off in the header"
+            0,
+            "empty: what the stock firmware leaves behind when power goes before the log is closed"
+            if not data
+            else "cut off in the header",
         )
     magic, version, count = PREFIX.unpack_from(data)
     if magic != MAGIC:
@@ -97,8 +111,11 @@ def read_header(data: memoryview) -> Header:
         if any(other.id == each.id for other in types):
             raise HeaderError(begin, f"two types of rows have the id {each.id}: the header is damaged")
         types.append(unique(each, types))
-    status = next((number for number, each in enumerate(types) if is_status(each)), None)
-    return Header(version, cursor.at, tuple(types), layout(version, types, status), status)
+    status, repaired = (
+        next((number for number, each in enumerate(types) if is_one(each, name, variables)), None)
+        for name, variables in ((STATUS_EVENT, STATUS_VARIABLES), (REPAIRED_EVENT, REPAIRED_VARIABLES))
+    )
+    return Header(version, cursor.at, tuple(types), layout(version, types, status), status, repaired)
 
 
 def read_type(cursor: Cursor, stamp: str) -> EventType:
@@ -138,9 +155,9 @@ def unique(each: EventType, others: list[EventType]) -> EventType:
     return EventType(each.id, f"{each.name}#{each.id}", each.variables, each.dtype)
 
 
-def is_status(each: EventType) -> bool:
-    names = tuple(variable.name for variable in each.variables)
-    return each.name == STATUS_EVENT and names == STATUS_VARIABLES and {v.letter for v in each.variables} == {"I"}
+def is_one(each: EventType, name: str, variables: tuple[str, ...]) -> bool:
+    """Of our own: exactly that name with exactly these counters."""
+    return each.name == name and each.variables == tuple(Variable(variable, "I") for variable in variables)
 
 
 def layout(version: int, types: list[EventType], status: int | None) -> Any:

@@ -15,6 +15,9 @@ Array = np.ndarray[Any, np.dtype[Any]]
 STAMP_US = "stamp_stm32_us"
 STAMP_MS = "stamp_stm32_ms"
 STATUS_EVENT = "log.status"
+REPAIRED_EVENT = "log.repaired"
+"""Of rows that repair() adds: each speaks of the rows since the one before it."""
+REPAIRED_VARIABLES = ("rows", "unverified", "lost_bytes")
 STATUS_VARIABLES = ("requested", "accepted", "dropped", "stall_us", "syncs", "errors", "session", "crc")
 
 

@@ -139,6 +139,17 @@ class RowReader:
         places = np.array(statuses, np.int64)[:, None] + np.arange(after, after + 4)
         return set(np.frombuffer(self.data, np.uint8)[places].view("<u4").ravel().tolist())
 
+    def places(self, number: int, walk: Walk) -> tuple[int, ...]:
+        """Where the rows of that type begin, among rows that were walked before."""
+        if not walk.rows[number]:
+            return ()
+        status = self._layout.status
+        self._layout.status = number
+        try:
+            return self.walk(walk.begin, walk.end, None, strict=False).statuses
+        finally:
+            self._layout.status = status
+
     def copy(self, pieces: list[Piece]) -> dict[str, Rows]:
         """The rows of all pieces, by type."""
         types = self.header.types

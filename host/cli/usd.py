@@ -1,0 +1,193 @@
+"""`host usd`: logs of the µSD card."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ..protocol.errors import LocalError
+
+FILES = """\
+FILE is a log as it lies on the card: version 2 or 1, or the format of 2019. Damaged logs are read as far as anything in
+them can be trusted: verified rows are covered by a good CRC, unverified rows only look right.
+"""
+INFO_EXAMPLES = """\
+examples:
+  host usd info log00
+  host usd info card/log* --json
+"""
+CHECK_EXAMPLES = """\
+The exit code is 4 when a log is damaged, was not closed, or lacks rows. The clock alone is no fault: it is a note.
+
+examples:
+  host usd check log00
+  host usd check card/log* --json | grep damage
+"""
+DECODE_EXAMPLES = """\
+OUT's ending chooses the format:
+  .csv      one file for each type of rows (OUT.fixedFrequency.csv ...); one file if there is only one type
+  .parquet  the same; needs pyarrow: pip install 'spindeck[parquet]'
+  .npz      a structured array for each type, and NAME.verified, NAME.epoch beside it
+  .mcap     a topic for each type, as Foxglove plots them
+Tables have the columns `epoch` (counts resets of the clock) and `verified`.
+
+examples:
+  host usd decode log00 -o flight.csv
+  host usd decode log00 -o flight.npz --verified-only
+"""
+REPAIR_EXAMPLES = """\
+OUT is a valid log of version 2, which older readers take too. FILE is only read.
+
+examples:
+  host usd repair log00 -o repaired00
+"""
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declares the command, its subcommands and their options."""
+    this = commands.add_parser(
+        "usd",
+        help="read, check and repair logs of the µSD card",
+        description="Read, check and repair logs of the µSD card.",
+    )
+    verbs = this.add_subparsers(dest="verb", metavar="VERB", title="verbs", required=True)
+    info = add_verb(verbs, "info", run_info, "say what is in a log", INFO_EXAMPLES)
+    check = add_verb(verbs, "check", run_check, "say what is wrong with a log", CHECK_EXAMPLES)
+    for each in (info, check):
+        each.add_argument("files", metavar="FILE", nargs="+", help="a log")
+    decode = add_verb(verbs, "decode", run_decode, "turn a log into tables", DECODE_EXAMPLES)
+    repair = add_verb(verbs, "repair", run_repair, "write a valid log of all that is left of one", REPAIR_EXAMPLES)
+    for each in (decode, repair):
+        each.add_argument("file", metavar="FILE", help="a log")
+        each.add_argument("-o", "--output", metavar="OUT", required=True, help="the new file")
+        each.add_argument("--force", action="store_true", help="overwrite what is there")
+    decode.add_argument("--verified-only", action="store_true", help="leave out rows that no good CRC covers")
+
+
+def add_verb(
+    verbs: argparse._SubParsersAction[argparse.ArgumentParser], name: str, run: Any, says: str, examples: str
+) -> argparse.ArgumentParser:
+    verb = verbs.add_parser(
+        name,
+        help=says,
+        description=f"{says[0].upper()}{says[1:]}.\n\n{FILES}",
+        epilog=examples,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    verb.add_argument("--json", action="store_true", help="JSON lines on stdout")
+    verb.set_defaults(run=run)
+    return verb
+
+
+def run_info(arguments: argparse.Namespace) -> int:
+    """0, unless nothing of a file can be read."""
+    from . import usd_report
+    from .as_json import line
+
+    code = 0
+    for name in arguments.files:
+        log, findings = load(name)
+        code = code if log.version else 4
+        if arguments.json:
+            print(line(usd_report.as_record(name, log, findings)))
+        else:
+            print("\n".join(usd_report.info_lines(name, log, findings)))
+    return code
+
+
+def run_check(arguments: argparse.Namespace) -> int:
+    """0 if every log is whole and lacks nothing."""
+    from . import usd_report
+    from .as_json import line
+
+    code = 0
+    for name in arguments.files:
+        log, findings = load(name)
+        faults, notes = usd_report.judge(log, findings)
+        code = 4 if faults else code
+        if arguments.json:
+            for record in [*faults, *notes]:
+                print(line({"event": record["event"], "file": name, **record}))
+            print(line({"event": "checked", "file": name, "good": not faults, "faults": len(faults)}))
+        else:
+            print("\n".join(usd_report.check_lines(name, log, faults, notes)))
+    return code
+
+
+def run_decode(arguments: argparse.Namespace) -> int:
+    """Writes the tables; 4 if nothing of the file can be read."""
+    from . import usd_tables
+    from .as_json import line
+
+    log, _ = load(arguments.file, examined=False)
+    if not log.row_count:
+        raise_nothing(arguments.file, log)
+    written = usd_tables.write(log, arguments.output, arguments.verified_only, arguments.force)
+    if arguments.json:
+        print(line({"event": "decoded", "file": arguments.file, "written": written, **counts(log)}))
+    else:
+        for path, rows in written.items():
+            print(f"{path}: {rows} rows")
+    warn(arguments.file, log)
+    return 0
+
+
+def run_repair(arguments: argparse.Namespace) -> int:
+    """Writes the new log; 4 if nothing of the file can be read."""
+    from pathlib import Path
+
+    from ..usd.decode import decode
+    from ..usd.files import read_log
+    from ..usd.repair import repair
+    from .as_json import line
+    from .usd_tables import new_file
+
+    source = read_log(arguments.file)
+    log = decode(source)
+    if not log.row_count:
+        raise_nothing(arguments.file, log)
+    if Path(arguments.output).exists() and Path(arguments.output).samefile(arguments.file):
+        raise LocalError(f"{arguments.output}: this is FILE itself, which is only read: name another file with -o")
+    made = repair(source, log)
+    with new_file(arguments.output, arguments.force) as out:
+        out.write(made)
+    if arguments.json:
+        print(line({"event": "repaired", "file": arguments.output, "size": len(made), **counts(log)}))
+    else:
+        lost = sum(each.size for each in log.damages)
+        print(
+            f"{arguments.output}: {log.row_count} rows, of which {log.verified_count} verified; {lost} bytes left out"
+        )
+    return 0
+
+
+def load(name: str, examined: bool = True) -> tuple[Any, Any]:
+    """A log and what its times say."""
+    from ..usd.decode import decode
+    from ..usd.examine import examine
+    from ..usd.files import read_log
+
+    log = decode(read_log(name))
+    return log, examine(log) if examined else None
+
+
+def counts(log: Any) -> dict[str, Any]:
+    lost = sum(each.size for each in log.damages)
+    return {"rows": log.row_count, "verified": log.verified_count, "lost_bytes": lost, "damages": log.damages}
+
+
+def warn(name: str, log: Any) -> None:
+    """On stderr, of a log that is not whole."""
+    import sys
+
+    if not log.is_whole:
+        unverified = log.row_count - log.verified_count
+        print(
+            f"{name}: not whole, {unverified} of {log.row_count} rows unverified: see 'host usd check'", file=sys.stderr
+        )
+
+
+def raise_nothing(name: str, log: Any) -> None:
+    from ..protocol.errors import PeerError
+
+    raise PeerError(f"{name}: no rows: {log.damages[0].why if log.damages else 'the log is empty'}")
