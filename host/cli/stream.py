@@ -68,7 +68,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     add(
         "--reconnect",
         action="store_true",
-        help="when the connection ends, or is silent for the timeout, make it again, for ever (socket and serial)",
+        help="wait for a robot that is not there yet; when the connection ends, or is silent for the timeout, make it "
+        "again; for ever (socket and serial)",
     )
     add("--images", metavar="DIR", help="keep every frame: one picture each, and frames.jsonl; DIR new or empty")
     add("--record", metavar="FILE", help="keep everything, bytes included, in a new MCAP file: host replay plays it")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 import sys
 import time
@@ -9,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, Protocol, cast
 from urllib.parse import quote, urlsplit
 
-from ..protocol.errors import LocalError
+from ..protocol.errors import LocalError, NotThereError
 from .access import why
 from .dialects import Dialect
 from .session import FRAMINGS, Framing
@@ -17,6 +18,9 @@ from .session import FRAMINGS, Framing
 POLL_S = 0.1
 """A read waits this long at most, so that Ctrl-C, close() and repeated requests are never held up."""
 CONNECT_S = 5.0
+ABSENT = frozenset({errno.ENOENT, errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ETIMEDOUT})
+"""What the system says of a robot that is off, and of an adapter that is not plugged in."""
+ALONE = "An AI-deck serves one client at a time: is another program connected to it?"
 RECEIVE_BYTES = 1 << 18
 TCP_PORT = 5000
 HANDLERS = ("sim.serial", "host.link.serial")
@@ -72,6 +76,7 @@ class SocketPort:
         self._socket = connect(url)
         self._buffer = memoryview(bytearray(RECEIVE_BYTES))
         self._unsent = b""
+        self._heard = False
 
     def read(self, wanted: int) -> memoryview | None:
         try:
@@ -82,7 +87,8 @@ class SocketPort:
             self.ended = f"the connection broke: {error.strerror}"
             return self._buffer[:0]
         if not size:
-            self.ended = "closed by the robot"
+            self.ended = "closed by the robot" if self._heard else f"closed by the robot before a byte came. {ALONE}"
+        self._heard = True
         return self._buffer[:size]
 
     def write(self, data: bytes) -> None:
@@ -100,6 +106,32 @@ class SocketPort:
 
     def close(self) -> None:
         self._socket.close()
+
+
+class AbsentPort:
+    """A connection that is not there yet: it has ended before it began."""
+
+    world = None
+    robot = None
+    baud: int | None = None
+    seam = ""
+
+    def __init__(self, url: str, framing: Framing, why_not: str) -> None:
+        self.url = url
+        self.framing = framing
+        self.ended = why_not
+
+    def read(self, wanted: int) -> bytes:
+        return b""
+
+    def write(self, data: bytes) -> None:
+        """Nobody is there."""
+
+    def clock_ns(self) -> int:
+        return time.monotonic_ns()
+
+    def close(self) -> None:
+        """Nothing was opened."""
 
 
 class SerialPort:
@@ -171,14 +203,15 @@ def connect(url: str) -> socket.socket:
     try:
         made = socket.create_connection(address, timeout=CONNECT_S)
     except ConnectionRefusedError as error:
-        raise LocalError(
+        raise NotThereError(
             f"{url}: connection refused: something is at {address[0]}, and nothing listens on port {address[1]}. "
             "Is the AI-deck's Wi-Fi firmware running?"
         ) from error
-    except socket.gaierror as error:
-        raise LocalError(f"{url}: no such address: {error.strerror}") from error
-    except (TimeoutError, OSError) as error:
-        raise LocalError(
+    except (socket.gaierror, UnicodeError) as error:
+        raise LocalError(f"{url}: no such address: {getattr(error, 'strerror', 'no name is like that')}") from error
+    except OSError as error:
+        absent = isinstance(error, TimeoutError) or error.errno in ABSENT
+        raise (NotThereError if absent else LocalError)(
             f"{url}: {address[0]} cannot be reached ({error.strerror or error}). "
             "Is the robot on, and is this computer in its Wi-Fi network?"
         ) from error
@@ -195,23 +228,30 @@ def open_port(url: str, baud: int | None = None, framing: str | None = None, cam
     """
     if framing is not None and framing not in FRAMINGS:
         raise LocalError(f"framing {framing!r}: choose {', '.join(FRAMINGS)}")
+    if not url:
+        raise LocalError("no port is named: 'host ports' lists what there is, and sim://hover is a simulated robot")
     scheme = url.partition("://")[0].lower() if "://" in url else ""
     if camera is not None:
         if scheme != "sim":
             raise LocalError(f"{url}: only a simulated robot (sim://…) can be given pictures to see")
         url += f"{'&' if '?' in url else '?'}camera_path={quote(camera, safe='/')}"
+    chosen = framing_of(url, framing)
     if scheme == "socket":
         port = SocketPort(url)
-        port.framing = cast(Framing, framing or "tcp")
+        port.framing = chosen
         return port
-    chosen = framing or "cpx-uart"
     baud = baud or BAUD[chosen]
     opened = open_serial(url, scheme, baud)
     own = getattr(opened, "framing", None)
     if own is not None and framing is not None and own != framing:
         opened.close()
         raise LocalError(f"{url} carries {own}, not {framing}: leave the framing out")
-    return SerialPort(url, opened, cast(Framing, own or chosen), baud)
+    return SerialPort(url, opened, own or chosen, baud)
+
+
+def framing_of(url: str, told: str | None) -> Framing:
+    """What the bytes are on a port that does not say so itself."""
+    return cast(Framing, told or ("tcp" if url.lower().startswith("socket://") else "cpx-uart"))
 
 
 def open_serial(url: str, scheme: str, baud: int) -> Any:
@@ -225,10 +265,9 @@ def open_serial(url: str, scheme: str, baud: int) -> Any:
     alone = {} if scheme or sys.platform == "win32" else {"exclusive": True}
     try:
         return serial.serial_for_url(url, baudrate=baud, timeout=POLL_S, write_timeout=POLL_S, **alone)
-    except serial.SerialException as error:
-        raise LocalError(f"{url}: {why(error, url)}") from error
-    except OSError as error:
-        raise LocalError(f"{url}: {why(error, url)}") from error
+    except OSError as error:  # pyserial's own are such, with the system's number or behind them
+        number = error.errno or getattr(error.__context__, "errno", None)
+        raise (NotThereError if number in ABSENT else LocalError)(f"{url}: {why(error, url)}") from error
     except ValueError as error:
         if "not known" not in str(error):
             raise LocalError(f"{url}: {error}") from error

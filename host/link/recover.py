@@ -65,6 +65,8 @@ def recover(source: str, target: str) -> Recovery:
             with Path(target).open("x+b") as out:
                 try:
                     recovery = Copy(file, out).everything(size)
+                    if not recovery.messages:
+                        raise LocalError(f"{source}: {nothing(recovery)}; {target} was not made")
                     os.fsync(out.fileno())
                 except BaseException:
                     Path(target).unlink()
@@ -74,6 +76,16 @@ def recover(source: str, target: str) -> Recovery:
     except OSError as error:
         raise LocalError(f"{error.filename or target}: {error.strerror}") from error
     return recovery
+
+
+def nothing(recovery: Recovery) -> str:
+    """Why there is nothing in it."""
+    if recovery.damage:
+        worst = max(recovery.damage, key=lambda each: each.size)
+        return f"nothing can be recovered: no message is whole (from byte {worst.offset} on: {worst.why})"
+    if recovery.has_end:
+        return "there is nothing to recover: it is whole, and no message is in it"
+    return "nothing can be recovered: it was cut off before the first message"
 
 
 def check(source: str, file: IO[bytes]) -> int:

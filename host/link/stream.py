@@ -7,17 +7,19 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
-from ..protocol.errors import LocalError, PeerError, PeerSilentError
+from ..protocol.errors import LocalError, NotThereError, PeerError, PeerSilentError
 from ..protocol.packets import CameraSettings
 from .dialects import Dialect
 from .expected import GARBAGE_MOST
-from .ports import BAUD, POLL_S, Port, open_port
+from .ports import ALONE, BAUD, POLL_S, AbsentPort, Port, SocketPort, framing_of, open_port
 from .records import Event, Frame, LostFrame, NanocockpitStamp, PaperStamp, SessionCounters, Stamp, State
 from .session import Session
 from .state import Backoff, Watch
 
 ALIVE = (Frame, LostFrame, Stamp, PaperStamp, NanocockpitStamp)
 """What a robot is there for: without any of these it is called silent, whatever else it sends."""
+OLD_BAUD = 115_200
+"""Of UART2 before mid-2022."""
 
 Connection = tuple[Port, Session]
 
@@ -197,11 +199,11 @@ class Stream:
             if self._closed:
                 port.close()
                 return
-            self._before = self.counters
+            first, self._before = isinstance(self.port, AbsentPort), self.counters
             self.port, self._session = port, session
-            self.reconnects += 1
+            self.reconnects += not first
             self._ended = False
-            if self.tap is not None:
+            if self.tap is not None and not first:
                 self.tap.connected_again(port.clock_ns())
         self._alive_ns = None
         yield self.watch.connected(port.clock_ns())
@@ -239,7 +241,8 @@ class Stream:
         counters = self._session.counters  # of this connection
         packets = sum(counters.packets.values()) + counters.stamps
         if counters.bytes == 0:
-            return f"not a byte in {seconds:.1f} s: is the robot on, is the wire the right one?"
+            where = ALONE if isinstance(self.port, SocketPort) else "Is the robot on, is the wire the right one?"
+            return f"not a byte in {seconds:.1f} s. {where}"
         if packets == 0 and counters.credits > 0:
             return f"the ESP32 is there ({counters.credits} credits), and not one packet in {seconds:.1f} s"
         garbage = counters.garbage_bytes / counters.bytes
@@ -254,8 +257,9 @@ class Stream:
     def _why_garbage(self) -> str:
         if self.port.baud is None:
             return f"wrong framing, or no robot's port? They were read as {self.port.framing}"
-        usual = f"{self.port.framing} has {BAUD[self.port.framing]}, before mid-2022 115200"
-        return f"wrong baud rate? It is {self.port.baud}; {usual}. Or the wrong framing?"
+        others = [rate for rate in dict.fromkeys((BAUD[self.port.framing], OLD_BAUD)) if rate != self.port.baud]
+        usual = f"; {self.port.framing} may have {' or '.join(map(str, others))}" if others else ""
+        return f"wrong baud rate? It is {self.port.baud}{usual}. Or the wrong framing?"
 
 
 def open_stream(
@@ -274,7 +278,8 @@ def open_stream(
     With dialect "auto" nothing is sent until the robot has announced that it speaks native; "stock" never sends,
     "native" asks at once. With "paper", "nanocockpit" or "native" a robot that speaks another one is a PeerError.
     `baud` and `framing` as open_port. `reconnect`: when the connection has ended, or the robot was silent for
-    `timeout`, it is made again, for ever; the first one must succeed.
+    `timeout`, it is made again, for ever; a robot that is not there yet is waited for likewise. Whatever waiting does
+    not mend (no such address, no permission, busy) is a LocalError at once.
     """
     if timeout is not None and not timeout > 0:
         raise LocalError(f"timeout {timeout}: give seconds above 0, or None to wait for ever")
@@ -287,4 +292,11 @@ def open_stream(
         return opened, Session(opened.framing, own if dialect == "auto" else dialect, first_index)
 
     Session("tcp", dialect)  # judges the dialect before anything is opened
-    return Stream(*connect_session(0), timeout, connect_session if reconnect else None)
+    if not reconnect:
+        return Stream(*connect_session(0), timeout)
+    try:
+        first = connect_session(0)
+    except NotThereError as error:
+        session = Session(framing_of(port, framing), dialect)
+        first = AbsentPort(port, session.framing, str(error)), session
+    return Stream(*first, timeout, connect_session)

@@ -9,6 +9,10 @@ class LocalError(SpindeckError):
     """You: a wrong argument, an unknown scenario key, a port that cannot be opened. Says what to do."""
 
 
+class NotThereError(LocalError):
+    """A port that nobody answers at, or a device that is not plugged in: it may come to be there later."""
+
+
 class PeerError(SpindeckError):
     """The other side: bytes that do not mean what they should, a robot that does not answer."""
 

@@ -1,5 +1,6 @@
 """`host stream` when the connection comes and goes, and when it is stopped in the middle of frames."""
 
+import errno
 import json
 import os
 import pty
@@ -14,6 +15,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from host.cli import main
+from host.link.access import holders
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT = 64, 48
@@ -34,9 +38,9 @@ def frame(number: int) -> bytes:
 class Server:
     """A robot's TCP server: `clients` says what each connection in turn gets; the socket is closed in between."""
 
-    def __init__(self, clients: list[Callable[[socket.socket], None]]) -> None:
+    def __init__(self, clients: list[Callable[[socket.socket], None]], port: int = 0) -> None:
         self.clients = clients
-        self.listening = socket.create_server(("127.0.0.1", 0))
+        self.listening = socket.create_server(("127.0.0.1", port))
         self.port = self.listening.getsockname()[1]
         self.url = f"socket://127.0.0.1:{self.port}"
         self.thread = threading.Thread(target=self.run, daemon=True)
@@ -110,7 +114,9 @@ def test_a_serial_adapter_that_is_pulled_and_plugged_in(tmp_path: Path) -> None:
     device.symlink_to(os.ttyname(pairs[0][1]))
     with stream("--port", str(device), "--framing", "tcp", "--reconnect", "--count", "3") as process:
         assert process.stdout is not None
-        time.sleep(0.5)
+        while process.pid not in holders(str(device)):
+            time.sleep(0.05)
+        time.sleep(0.3)  # what comes before pyserial has set it up is thrown away
         os.write(pairs[0][0], frame(0))
         while '"event":"frame"' not in process.stdout.readline():
             pass
@@ -150,6 +156,90 @@ def test_without_reconnect_a_lost_connection_is_an_error_of_its_own() -> None:
     assert "closed by the robot, after 3 frames" in stderr
     assert stderr.count("\n") == 1
     assert lines(stdout)[-1]["frames"] == 3
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as unused:
+        return int(unused.getsockname()[1])
+
+
+def test_a_robot_that_is_not_on_yet_is_waited_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The first connection is no reconnection: not in the summary, and not in the recording."""
+    port, recording = free_port(), tmp_path / "late.mcap"
+    words = ["--port", f"socket://127.0.0.1:{port}", "--reconnect", "--count", "2", "--record", str(recording)]
+    with stream(*words) as process:
+        assert process.stdout is not None
+        first = process.stdout.readline()
+        assert json.loads(first)["state"] == "disconnected"
+        assert "connection refused" in json.loads(first)["reason"]
+        served = Server([lambda to: to.sendall(frame(0) + frame(1))], port)
+        stdout, stderr = rest(process)
+    served.thread.join(10)
+    assert process.returncode == 0, stderr
+    events = lines(stdout)
+    assert [event["index"] for event in events if event["event"] == "frame"] == [0, 1]
+    assert [event["state"] for event in events if event["event"] == "state"][-2:] == ["waiting", "streaming"]
+    assert events[-1]["reconnects"] == 0
+    assert main(["stream", "--port", f"replay://{recording}?pace=max", "--json"]) == 0
+    again = lines(capsys.readouterr().out)[-1]
+    assert (again["frames"], again["reconnects"], again["bytes"]) == (2, 0, events[-1]["bytes"])
+
+
+def test_an_adapter_that_is_not_plugged_in_yet_is_waited_for(tmp_path: Path) -> None:
+    device, pair = tmp_path / "ttyUSB0", pty.openpty()
+    with stream("--port", str(device), "--framing", "tcp", "--reconnect", "--count", "1") as process:
+        assert process.stdout is not None
+        assert "no such device" in process.stdout.readline()
+        device.symlink_to(os.ttyname(pair[1]))
+        while '"waiting"' not in process.stdout.readline():
+            pass
+        os.write(pair[0], frame(0))
+        stdout, stderr = rest(process)
+    for each in pair:
+        os.close(each)
+    assert process.returncode == 0, stderr
+    assert lines(stdout)[-1]["reconnects"] == 0
+
+
+@pytest.mark.parametrize(
+    ("port", "says"),
+    [
+        ("socket://nowhere.invalid:5000", "no such address"),
+        ("socket://127.0.0.1:99999", "write socket://"),
+        (f"socket://{'a' * 64}.example:5000", "no such address"),
+        ("socket://", "write socket://"),
+        ("pigeon://1", "not known"),
+        (str(ROOT / "README.md"), "no serial device"),
+        ("", "no port is named"),
+    ],
+)
+def test_what_waiting_does_not_mend_is_told_at_once(port: str, says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stream", "--port", port, "--reconnect", "--json"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert says in err
+    assert err.count("\n") == 1
+
+
+def test_no_permission_is_not_waited_for(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    import serial
+
+    def refuse(*args: object, **kwargs: object) -> None:
+        raise serial.SerialException(errno.EACCES, "could not open port")
+
+    monkeypatch.setattr(serial, "serial_for_url", refuse)
+    assert main(["stream", "--port", "/dev/ttyUSB0", "--reconnect", "--json"]) == 2
+    assert "no permission" in capsys.readouterr().err
+
+
+def test_a_second_client_is_told_that_there_may_be_another() -> None:
+    """The robot says nothing: it closes (the simulator), or lets it wait unheard (the real ESP32)."""
+    for client in (lambda to: None, lambda to: time.sleep(2)):
+        served = Server([client])
+        with stream("--port", served.url, "--timeout", "0.5") as process:
+            _, stderr = process.communicate(timeout=60)
+        assert process.returncode in (3, 5)
+        assert "An AI-deck serves one client at a time: is another program connected to it?" in stderr
 
 
 def test_a_simulated_robot_cannot_be_connected_again() -> None:

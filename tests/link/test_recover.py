@@ -3,6 +3,7 @@
 SPINDECK_KILLS=200 kills that many recording processes instead of a few.
 """
 
+import contextlib
 import os
 import random
 import signal
@@ -17,6 +18,7 @@ from recordings import in_complete_chunks, read, record, summary
 
 from host.cli import main
 from host.link import recording
+from host.link.mcap import MAGIC, encode_header
 from host.link.records import Frame
 from host.link.recover import recover
 from host.protocol.errors import LocalError
@@ -37,14 +39,23 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Frame]]:
     return path, [event for event in tee.events if isinstance(event, Frame)]
 
 
+def recovered(source: Path, target: Path, something: bool) -> bool:
+    """Nothing to be saved is an error, and leaves no file."""
+    with contextlib.nullcontext() if something else pytest.raises(LocalError, match="nothing can be recovered"):
+        recover(str(source), str(target))
+    assert target.exists() == something
+    return something
+
+
 def check(cut: Path, frames: list[Frame]) -> int:
     """Recovers, compares with what the independent reader finds from the start; the number of frames."""
     before = cut.read_bytes()
     target = cut.with_suffix(".whole")
-    recover(str(cut), str(target))
-    assert cut.read_bytes() == before
     with cut.open("rb") as file:
         expected = in_complete_chunks(file)
+    if not recovered(cut, target, bool(expected)):
+        return 0
+    assert cut.read_bytes() == before
     messages = [message for _, message, _ in read(target)]
     assert [(m.channel_id, m.sequence, m.log_time, m.data) for m in messages] == expected
     assert summary(target).statistics.message_count == len(expected)
@@ -136,6 +147,9 @@ def test_zeros_at_the_end_as_a_power_cut_leaves_them(whole: tuple[Path, list[Fra
         (b"\x89MCAP", "cut off after 5 bytes"),
         (b"P5\n324 244\n255\n", "not an MCAP file"),
         (None, "No such file"),
+        (MAGIC + encode_header("x"), "cut off before the first message"),
+        (MAGIC + encode_header("x")[:-1], "no message is whole (from byte 8 on"),
+        (MAGIC + bytes(5000), "no message is whole (from byte 8 on"),
     ],
 )
 def test_what_cannot_be_recovered_is_told(
@@ -146,6 +160,13 @@ def test_what_cannot_be_recovered_is_told(
     assert main(["recover", str(tmp_path / "x.mcap")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert says in line
+    assert not (tmp_path / "x.recovered.mcap").exists()
+
+
+def test_a_whole_recording_of_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording.Recorder(str(tmp_path / "x.mcap")).close()
+    assert main(["recover", str(tmp_path / "x.mcap")]) == 2
+    assert "it is whole, and no message is in it" in capsys.readouterr().err
     assert not (tmp_path / "x.recovered.mcap").exists()
 
 
@@ -189,9 +210,10 @@ def test_killed_while_recording(tmp_path: Path, seed: int) -> None:
         _, stderr = process.communicate()
     assert process.returncode == -signal.SIGKILL, stderr.decode()
     target = tmp_path / "recovered.mcap"
-    recover(str(path), str(target))
     with path.open("rb") as file:
         expected = in_complete_chunks(file)
+    if not recovered(path, target, bool(expected)):
+        return
     rows = read(target)
     assert [(m.channel_id, m.sequence, m.log_time, m.data) for _, m, _ in rows] == expected
     pictures = [decoded.data for topic, _, decoded in rows if topic == "/robot0/compressed_image"]
