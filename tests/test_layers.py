@@ -37,10 +37,12 @@ RULES: list[tuple[str, set[str], set[str]]] = [
         | {"host.link.mcap", "host.link.mcap_summary", "host.link.foxglove"},
         IO,
     ),
+    ("host.firmware", {"host.firmware", "host.protocol.errors"}, IO - {"subprocess"} | {"numpy"}),
     ("host.usd", {"host.usd", "host.native", "host.protocol.errors"}, IO),
     ("host.cli", {"host", "sim"}, set()),
     ("host.__main__", {"host.cli"}, set()),
     ("host", {"host.link", "host.protocol"}, set()),
+    ("sim.images", {"sim", "host.native", "host.protocol", "host.firmware"}, IO | {"random"}),
     ("sim.serial", {"sim", "host.native", "host.protocol"}, set()),
     ("sim", {"sim", "host.native", "host.protocol", "host.link.session", "host.link.records"}, IO | {"random"}),
 ]
