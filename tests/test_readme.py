@@ -116,6 +116,20 @@ def test_decks_and_captures(command: str, tmp_path: Path) -> None:
     assert result.stdout
 
 
+SMALLEST_LOG = bytes.fromhex(
+    "bc02000100ffff66697865644672657175656e63790001006163632e7828662900ffffe80300000000000000 00803fca92181e"
+)
+
+
+@pytest.mark.parametrize("command", re.findall(r"^\.venv/bin/host (usd .*)$", README, re.MULTILINE))
+def test_logs(command: str, tmp_path: Path) -> None:
+    """Every `host usd` line, on a log with one row."""
+    (tmp_path / "log00").write_bytes(SMALLEST_LOG)
+    result = host(*shlex.split(command, comments=True), cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout
+
+
 def test_the_two_commands_exist() -> None:
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
     assert {"stream", "test"} <= set(targets)

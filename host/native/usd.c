@@ -1,5 +1,7 @@
 #include "usd.h"
 
+#include "crc32.h"
+
 enum { NO_TYPE = USD_TYPES_MAX };
 
 /// No clock of a robot runs this long (year-long stamps are zeroed or erased bytes, or no stamps).
@@ -16,8 +18,8 @@ static inline uint8_t type_at(const usd_layout_t *layout, const uint8_t *row) {
     return (uint8_t)(layout->type_of_id[load16_le(row)] - 1U);
 }
 
-static inline bool follows(const usd_layout_t *layout, uint64_t stamp, uint64_t last) {
-    return stamp >= last ? stamp - last <= layout->ahead : last - stamp <= layout->back;
+static inline bool follows(const usd_layout_t *layout, uint64_t stamp, uint64_t last, uint64_t ahead) {
+    return stamp >= last ? stamp - last <= ahead : last - stamp <= layout->back;
 }
 
 /// Zeros are a row where a type has the id 0; what was never written is full of them.
@@ -33,22 +35,37 @@ static bool add_mark(usd_walk_t *walk, uint8_t kind, uint64_t stamp) {
     return true;
 }
 
-uint8_t usd_walk(const usd_layout_t *layout, bytes_t in, bool strict, usd_walk_t *walk) {
+static void check(bytes_t in, usd_walk_t *walk) {
+    if (walk->check) {
+        walk->crc = crc32_host(walk->crc, (bytes_t){in.data + walk->checked, walk->at - walk->checked});
+        walk->checked = walk->at;
+    }
+}
+
+static uint8_t pass(const usd_layout_t *layout, bytes_t in, bool strict, usd_walk_t *walk) {
     const size_t head = USD_ID_BYTES + layout->stamp_bytes;
+    // Most rows are of the type of the row before. To compare with that one lets the processor go on without
+    // waiting for the table.
+    uint16_t id = 0;
+    uint8_t type = NO_TYPE;
+    uint32_t size = 0;
     while (walk->at < in.size) {
         const uint8_t *row = in.data + walk->at;
         const uint64_t left = in.size - walk->at;
         if (left < head) {
             return USD_CUT;
         }
-        const uint8_t type = type_at(layout, row);
-        if (type == NO_TYPE) {
-            return USD_UNKNOWN;
+        if (type == NO_TYPE || load16_le(row) != id) {
+            id = load16_le(row);
+            type = type_at(layout, row);
+            if (type == NO_TYPE) {
+                return USD_UNKNOWN;
+            }
+            size = layout->row_bytes[type];
         }
-        const uint32_t size = layout->row_bytes[type];
         const uint64_t stamp = stamp_at(layout, row);
-        if (strict &&
-            (!believable(layout, row, stamp) || (walk->has_last && !follows(layout, stamp, walk->last)))) {
+        if (strict && (!believable(layout, row, stamp) ||
+                       (walk->has_last && !follows(layout, stamp, walk->last, layout->ahead)))) {
             return USD_TIME;
         }
         if (left < size) {
@@ -70,8 +87,17 @@ uint8_t usd_walk(const usd_layout_t *layout, bytes_t in, bool strict, usd_walk_t
         walk->rows[type]++;
         walk->row = walk->at;
         walk->at += size;
+        if (walk->check && walk->at - walk->checked >= USD_CHECK_BYTES) {
+            check(in, walk);
+        }
     }
     return USD_END;
+}
+
+uint8_t usd_walk(const usd_layout_t *layout, bytes_t in, bool strict, usd_walk_t *walk) {
+    const uint8_t why = pass(layout, in, strict, walk);
+    check(in, walk);
+    return why;
 }
 
 uint32_t usd_chain(const usd_layout_t *layout, bytes_t in, uint64_t at, const uint64_t *last, uint32_t most,
@@ -91,7 +117,8 @@ uint32_t usd_chain(const usd_layout_t *layout, bytes_t in, uint64_t at, const ui
             return rows;
         }
         const uint64_t stamp = stamp_at(layout, row);
-        if (!believable(layout, row, stamp) || (has_before && !follows(layout, stamp, before))) {
+        if (!believable(layout, row, stamp) ||
+            (has_before && !follows(layout, stamp, before, layout->near))) {
             return rows;
         }
         before = stamp;
@@ -110,16 +137,29 @@ uint64_t usd_find(const usd_layout_t *layout, bytes_t in, uint64_t at, const uin
         bool ends = false;
         if (last != NULL) {
             const uint32_t rows = usd_chain(layout, in, at, last, USD_CHAIN, &ends);
-            if (rows >= USD_CHAIN || (ends && rows > 0)) {
+            if (rows >= USD_CHAIN || (ends && rows >= USD_CHAIN_END)) {
                 return at;
             }
         }
         const uint32_t rows = usd_chain(layout, in, at, NULL, USD_CHAIN_LONG, &ends);
-        if (rows >= USD_CHAIN_LONG || (ends && rows >= USD_CHAIN_END)) {
+        if (rows >= USD_CHAIN_LONG || (ends && rows >= USD_CHAIN_LONG_END)) {
             return at;
         }
     }
     return in.size;
+}
+
+/// memcpy for some dozens of bytes, without a call.
+static inline void copy(uint8_t *restrict to, const uint8_t *restrict from, size_t size) {
+    enum { BLOCK = 16 };
+    if (size < BLOCK) {
+        memcpy(to, from, size);
+        return;
+    }
+    for (size_t at = 0; at + BLOCK < size; at += BLOCK) {
+        memcpy(to + at, from + at, BLOCK);
+    }
+    memcpy(to + size - BLOCK, from + size - BLOCK, BLOCK);
 }
 
 bool usd_copy(const usd_layout_t *layout, bytes_t in, uint64_t at, uint64_t end, uint8_t *const *out,
@@ -131,14 +171,26 @@ bool usd_copy(const usd_layout_t *layout, bytes_t in, uint64_t at, uint64_t end,
         if (end - at < USD_ID_BYTES) {
             return false;
         }
+        const uint16_t id = load16_le(in.data + at);
         const uint8_t type = type_at(layout, in.data + at);
-        if (type == NO_TYPE || layout->row_bytes[type] > end - at || filled[type] >= room[type]) {
+        if (type == NO_TYPE) {
             return false;
         }
-        const size_t size = layout->row_bytes[type] - USD_ID_BYTES;
-        memcpy(out[type] + filled[type] * size, in.data + at + USD_ID_BYTES, size);
-        filled[type]++;
-        at += layout->row_bytes[type];
+        const uint32_t size = layout->row_bytes[type];
+        const size_t kept = size - USD_ID_BYTES;
+        uint8_t *to = out[type] + filled[type] * kept;
+        uint64_t left = room[type] - filled[type];
+        // As long as rows are of this type.
+        do {
+            if (size > end - at || left == 0) {
+                return false;
+            }
+            copy(to, in.data + at + USD_ID_BYTES, kept);
+            to += kept;
+            left--;
+            filled[type]++;
+            at += size;
+        } while (end - at >= USD_ID_BYTES && load16_le(in.data + at) == id);
     }
     return true;
 }

@@ -12,10 +12,11 @@ enum {
     USD_TYPES_MAX = 255,
     USD_IDS = 65536,
     USD_ID_BYTES = 2,
-    USD_CHAIN = 3, ///< rows in a row that prove a place after damage, when their times fit the row before
-    USD_CHAIN_LONG = 8, ///< when they fit only each other
-    USD_CHAIN_END =
-        3, ///< the same, when the bytes end behind them; of those that fit the row before, one will do
+    USD_CHECK_BYTES = 131072, ///< a CRC goes on this far at a time: it fits a cache
+    USD_CHAIN = 3,     ///< rows in a row that prove a place after damage, when their times fit the row before
+    USD_CHAIN_END = 2, ///< the same, when the bytes end behind them
+    USD_CHAIN_LONG = 8, ///< rows that fit only each other
+    USD_CHAIN_LONG_END = 3,
 };
 
 /// Why usd_walk has stopped.
@@ -36,7 +37,8 @@ typedef struct {
     uint8_t types;
     uint8_t status;                    ///< the type whose rows are marked; `types`: none
     uint64_t back;                     ///< how far a stamp may lie behind the latest; in its unit
-    uint64_t ahead;                    ///< and before it
+    uint64_t ahead;                    ///< and before it, in a walk
+    uint64_t near;                     ///< the same in a chain, where rows have yet to be believed
     uint32_t row_bytes[USD_TYPES_MAX]; ///< with id and stamp
     uint8_t type_of_id[USD_IDS];       ///< the type + 1; 0: no type has this id
 } usd_layout_t;
@@ -48,7 +50,8 @@ typedef struct {
     uint8_t kind; ///< USD_STATUS, or USD_BACK: it lies more than `back` behind `before`
 } usd_mark_t;
 
-/// A walk under way. The caller sets `at`, `marks`, `marks_max`, `has_last` and `last`.
+/// A walk under way. The caller sets `at`, `marks`, `marks_max`, `has_last`, `last` and `check`; the rest is
+/// 0.
 typedef struct {
     uint64_t at;   ///< the next row
     uint64_t row;  ///< the one before it, if any was passed
@@ -58,6 +61,9 @@ typedef struct {
     uint32_t marks_max;
     uint32_t marks_count;
     uint64_t rows[USD_TYPES_MAX]; ///< passed, by type
+    bool check;                   ///< compute `crc`, which costs less here than later: the bytes are at hand
+    uint32_t crc;                 ///< of the bytes from the first to `at`
+    uint64_t checked;             ///< how far it goes while the walk is under way
 } usd_walk_t;
 
 /// Passes rows from `walk->at` on, until something stops it. Strict: also a time that is out of bounds, or

@@ -88,11 +88,13 @@ def find_blocks(data: memoryview, at: int, row: int) -> tuple[list[Block], list[
             damages.append(Damage(begin, found - begin, why))
             at = found
             continue
+        end = block_end(block, row)
         if not block.good:
-            damages.append(Damage(at, block_end(block, row) - at, "a block whose CRC is bad: its rows are unverified"))
+            why = "a block's CRC, which does not match: its rows are unverified"
+            damages.append(Damage(end - CRC_BYTES, CRC_BYTES, why))
         blocks.append(block)
         last = tick(data, block.begin + (block.rows - 1) * row)
-        at = block_end(block, row)
+        at = end
     return blocks, damages
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from mmap import mmap
 
 from ..native import lib
@@ -11,7 +10,7 @@ from .blocks import decode_blocks
 from .header import HeaderError, read_header
 from .log import ByteRange, Damage, Log
 from .recover import Recovered, merged, recover
-from .rows import CRC_BYTES, Piece, RowReader, crc32, epochs_of, filling
+from .rows import CRC_BYTES, Piece, RowReader, epochs_of, filling
 
 Buffer = bytes | bytearray | memoryview | mmap
 
@@ -50,20 +49,15 @@ def whole(reader: RowReader) -> Recovered | None:
     """A log that its logger has closed, and that is as it was written: its rows are taken as they are."""
     data, begin = reader.data, reader.header.size
     end = len(data) - CRC_BYTES
-    if end < begin or crc32(data, 0, end) != int.from_bytes(data[end:], "little"):
+    if end < begin:
         return None
-    walk = reader.walk(begin, end, None, strict=False)
-    if walk.why != lib.USD_END:
+    walk = reader.walk(begin, end, None, strict=False, check=True)
+    if walk.why != lib.USD_END or walk.crc != int.from_bytes(data[end:], "little"):
         return None
     sessions = reader.sessions(walk.statuses)
     if len(sessions) > 1:
         return None  # A CRC over parts that end with their own does not depend on what is in them.
-    borders = [begin, *(mark.offset for mark in walk.backs if not reader.is_return(mark)), end]
-    if len(borders) == 2:
-        pieces = [Piece(walk, True, 0)] if end > begin else []
-    else:
-        parts = pairwise(borders)
-        pieces = [Piece(reader.walk(*part, None, strict=False), True, epoch) for epoch, part in enumerate(parts)]
+    pieces = [Piece(part, True, epoch) for epoch, part in enumerate(reader.parts(walk))] if end > begin else []
     return Recovered(pieces, [], [ByteRange(0, end)], next(iter(sessions), None), "good")
 
 

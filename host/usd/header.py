@@ -33,6 +33,8 @@ BACK_US = 100_000
 """Stamps are taken before the logger's lock, so rows may come a little out of order; further back is a reset."""
 AHEAD_US = 600_000_000
 """No row for so long: the next one is believed only with others that follow it."""
+NEAR_US = 10_000_000
+"""The same for rows behind damage."""
 
 
 class HeaderError(Exception):
@@ -89,16 +91,13 @@ class Cursor:
 
 def read_header(data: memoryview) -> Header:
     """HeaderError when there is none."""
+    if not data:
+        raise HeaderError(0, "empty: what the stock firmware leaves behind when power goes before the log is closed")
+    if data[0] != MAGIC:
+        raise HeaderError(0, f"not a log: it begins with 0x{data[0]:02X}, a log with 0x{MAGIC:02X}")
     if len(data) < PREFIX.size:
-        raise HeaderError(
-            0,
-            "empty: what the stock firmware leaves behind when power goes before the log is closed"
-            if not data
-            else "cut off in the header",
-        )
-    magic, version, count = PREFIX.unpack_from(data)
-    if magic != MAGIC:
-        raise HeaderError(0, f"not a log: it begins with 0x{magic:02X}, a log with 0x{MAGIC:02X}")
+        raise HeaderError(0, "cut off in the header")
+    _, version, count = PREFIX.unpack_from(data)
     if version not in (1, 2):
         raise HeaderError(1, f"version {version} is not known (1 and 2 are), or the header is damaged")
     if not 0 < count <= lib.USD_TYPES_MAX:
@@ -166,7 +165,7 @@ def layout(version: int, types: list[EventType], status: int | None) -> Any:
     made.types = len(types)
     made.status = len(types) if status is None else status
     unit_us = 1 if version == 2 else 1000
-    made.back, made.ahead = BACK_US // unit_us, AHEAD_US // unit_us
+    made.back, made.ahead, made.near = (each // unit_us for each in (BACK_US, AHEAD_US, NEAR_US))
     for number, each in enumerate(types):
         made.row_bytes[number] = lib.USD_ID_BYTES + each.row_bytes
         made.type_of_id[each.id] = number + 1

@@ -13,7 +13,6 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Literal
 
 from ..native import lib
@@ -67,7 +66,8 @@ def recover(reader: RowReader) -> Recovered:
     runs, damages = find_runs(reader)
     leading = next((number for number, run in enumerate(runs) if run.after == "damage"), len(runs))
     crc, closed_at = closed(reader, runs[:leading], runs)
-    if closed_at is not None and len(reader.sessions(tuple(at for run in runs for at in run.walk.statuses))) > 1:
+    sessions = reader.sessions(tuple(at for run in runs[:leading] for at in run.walk.statuses))
+    if closed_at is not None and len(sessions) > 1:
         why = "the file's CRC: it matches, but status rows of two logs are in the file, and then it proves nothing"
         damages = [replace(each, why=why) if each.offset == closed_at else each for each in damages]
         crc, closed_at = "bad", None
@@ -112,9 +112,15 @@ def find_runs(reader: RowReader) -> tuple[list[Run], list[Damage]]:
         at = walk.end
         if walk.why == lib.USD_END:
             break
-        if walk.why == lib.USD_TIME and last is not None and goes_on(reader, at, last):
-            after, last = "time", None
-            continue
+        if walk.why == lib.USD_TIME and last is not None:
+            behind = at + reader.row_bytes_at(at)
+            if behind <= size and reader.follows(behind, last):
+                damages.append(Damage(at, behind - at, "a row whose time makes no sense: the rows behind it go on"))
+                at, after = behind, "damage"
+                continue
+            if goes_on(reader, at, last):
+                after, last = "time", None
+                continue
         begin, found = search(reader, walk, last)
         if begin < at:
             runs[-1] = replace(runs[-1], walk=reader.walk(walk.begin, begin, None, strict=False))
@@ -155,14 +161,11 @@ class Pace:
 
 
 def goes_on(reader: RowReader, at: int, last: int) -> bool:
-    """Is the odd time of the row at `at` the new time, and not a damaged one?"""
-    behind = at + reader.row_bytes_at(at)
-    if behind > len(reader.data) or reader.follows(behind, last):
-        return False
+    """Is the odd time of the row at `at` the new time, and no damage?"""
     if reader.follows(at, None):
         return True
     # The last rows of the file: a hole before them, or a reset.
-    rows, ends = reader.chain(at, None, lib.USD_CHAIN_END)
+    rows, ends = reader.chain(at, None, lib.USD_CHAIN_LONG_END)
     stamp_us, last_us = (stamp * reader.header.unit_us for stamp in (reader.stamp_at(at), last))
     return ends and rows > 0 and (last_us < stamp_us <= last_us + LONG_HOLE_US or stamp_us <= JUST_RESET_US)
 
@@ -173,9 +176,11 @@ def search(reader: RowReader, walk: Walk, last: int | None) -> tuple[int, int]:
     size = len(reader.data)
     suspect = walk.last_row if walk.end > walk.begin and walk.last_row not in walk.statuses else None
     begin = walk.end
-    found = reader.find(walk.end if suspect is None else suspect + 1, last)
+    found = begin if suspect is None else reader.find(suspect + 1, last)
+    if found == begin:
+        found = reader.find(begin + 1, last)
     if suspect is None:
-        return begin, max(found, begin)
+        return begin, found
     sizes = {lib.USD_ID_BYTES + each.row_bytes for each in reader.header.types}
     wrong_id = found < begin or (found < size and found - suspect in sizes and found - begin not in sizes)
     return (suspect, found) if wrong_id else (begin, found)
@@ -282,23 +287,25 @@ def merged(ranges: list[ByteRange]) -> list[ByteRange]:
 
 def cut(reader: RowReader, runs: list[Run], verified: list[ByteRange], stale: list[Damage]) -> list[Piece]:
     """Everything verified, and of the runs what is neither verified nor stale; each piece in one epoch."""
-    taken = [(max(each.begin, reader.header.size), each.end, True) for each in verified]
-    taken = [each for each in taken if reader.walk(each[0], each[1], None, strict=False).end == each[1]]
-    barred = merged([ByteRange(begin, end) for begin, end, _ in taken]
+    good = [reader.walk(max(each.begin, reader.header.size), each.end, None, strict=False) for each in verified]
+    good = [walk for walk, each in zip(good, verified, strict=True) if walk.end == each.end]
+    barred = merged([ByteRange(walk.begin, walk.end) for walk in good]
                     + [ByteRange(each.offset, each.offset + each.size) for each in stale])  # fmt: skip
+    walks = [(walk, True) for walk in good]
     for run in runs:
-        taken += [(begin, end, False) for begin, end in without(run.walk.begin, run.walk.end, barred)]
+        for begin, end in without(run.walk.begin, run.walk.end, barred):
+            walks.append((reader.walk(begin, end, None, strict=False), False))
     pieces: list[Piece] = []
     epoch, last = 0, None
-    for begin, end, good in sorted(each for each in taken if each[0] < each[1]):
-        backs = reader.walk(begin, end, last, strict=False).backs
-        borders = [begin, *(mark.offset for mark in backs if mark.offset > begin and not reader.is_return(mark)), end]
-        epoch += bool(backs and backs[0].offset == begin)
-        for number, part in enumerate(pairwise(borders)):
+    back = BACK_US // reader.header.unit_us
+    for walk, is_good in sorted(walks, key=lambda each: each[0].begin):
+        if walk.begin == walk.end:
+            continue
+        epoch += last is not None and reader.stamp_at(walk.begin) + back < last
+        for number, part in enumerate(reader.parts(walk)):
             epoch += number > 0
-            walk = reader.walk(*part, None, strict=False)
-            pieces.append(Piece(walk, good, epoch))
-            last = walk.last
+            pieces.append(Piece(part, is_good, epoch))
+            last = part.last
     return pieces
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,8 @@ class Walk:
     backs: tuple[Mark, ...]
     rows: tuple[int, ...]
     """Passed, by type."""
+    crc: int | None = None
+    """Of all bytes from the file's first to `end`, if it was asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +80,11 @@ class RowReader:
         self._bytes = ffi.from_buffer("uint8_t[]", data)
         self._marks = ffi.new("usd_mark_t[]", MARKS_MAX)
 
-    def walk(self, begin: int, end: int, last: int | None, strict: bool) -> Walk:
+    def walk(self, begin: int, end: int, last: int | None, strict: bool, check: bool = False) -> Walk:
         state = ffi.new("usd_walk_t *")
         state.at, state.marks, state.marks_max = begin, self._marks, MARKS_MAX
         state.has_last, state.last = last is not None, last or 0
+        state.check = check
         statuses: list[int] = []
         backs: list[Mark] = []
         why = lib.USD_MARKS
@@ -94,7 +98,8 @@ class RowReader:
                     backs.append(Mark(mark.offset, mark.before, mark.stamp))
         latest = state.last if state.has_last else None
         rows = tuple(state.rows[0 : len(self.header.types)])
-        return Walk(begin, state.at, why, state.row, latest, tuple(statuses), tuple(backs), rows)
+        crc = int(state.crc) if check else None
+        return Walk(begin, state.at, why, state.row, latest, tuple(statuses), tuple(backs), rows, crc)
 
     def chain(self, at: int, last: int | None, most: int) -> tuple[int, bool]:
         """How many rows follow each other there, and whether the end is behind them."""
@@ -105,10 +110,11 @@ class RowReader:
 
     def follows(self, at: int, last: int | None) -> bool:
         """Do enough rows follow each other there, to believe that they are rows?"""
-        rows, ends = self.chain(at, last, lib.USD_CHAIN_LONG if last is None else lib.USD_CHAIN)
+        enough, at_end = lib.USD_CHAIN, lib.USD_CHAIN_END
         if last is None:
-            return bool(rows >= lib.USD_CHAIN_LONG or (ends and rows >= lib.USD_CHAIN_END))
-        return bool(rows >= lib.USD_CHAIN or (ends and rows > 0))
+            enough, at_end = lib.USD_CHAIN_LONG, lib.USD_CHAIN_LONG_END
+        rows, ends = self.chain(at, last, enough)
+        return bool(rows >= enough or (ends and rows >= at_end))
 
     def find(self, at: int, last: int | None) -> int:
         before = ffi.NULL if last is None else ffi.new("uint64_t *", last)
@@ -126,6 +132,13 @@ class RowReader:
     def stamp_at(self, at: int) -> int:
         begin = at + lib.USD_ID_BYTES
         return int.from_bytes(self.data[begin : begin + self._layout.stamp_bytes], "little")
+
+    def parts(self, walk: Walk) -> list[Walk]:
+        """The same rows, cut where the clock was reset."""
+        resets = [mark.offset for mark in walk.backs if mark.offset > walk.begin and not self.is_return(mark)]
+        if not resets:
+            return [walk]
+        return [self.walk(*part, None, strict=False) for part in pairwise([walk.begin, *resets, walk.end])]
 
     def is_return(self, mark: Mark) -> bool:
         """A single time that went back, and not the clock: the rows behind it go on from where it was."""

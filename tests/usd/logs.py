@@ -1,5 +1,7 @@
 """Logs for tests, made with struct and zlib alone, and where the real ones lie."""
 
+import functools
+import itertools
 import os
 import random
 import struct
@@ -8,6 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+
+from host.usd.log import Log
 
 REAL = Path(os.environ.get("SPINDECK_DATA", Path(__file__).resolve().parents[3] / "shared/data"))
 """Logs of real robots, which are not part of the project."""
@@ -103,3 +107,66 @@ def fill(log: Writer, seed: int, rows: int = 1000, start_us: int = 5_000_000, sy
         if log.session and number % sync_every == sync_every - 1:
             log.status(stamp + 950)
     return log
+
+
+@functools.lru_cache(maxsize=32)
+def spans(data: bytes) -> list[tuple[int, int, int]]:
+    """Id, begin and end of each row of a log of version 2 or 1 that is whole."""
+    _, version, count = struct.unpack_from("<BHH", data)
+    at, sizes = 5, {}
+    for _ in range(count):
+        (number,) = struct.unpack_from("<H", data, at)
+        at = data.index(0, at + 2) + 1
+        (variables,) = struct.unpack_from("<H", data, at)
+        at += 2
+        letters = ""
+        for _ in range(variables):
+            end = data.index(0, at)
+            letters += chr(data[end - 2])
+            at = end + 1
+        sizes[number] = struct.calcsize("<H" + ("Q" if version == 2 else "I") + letters)
+    found = []
+    while at < len(data) - 4:
+        (number,) = struct.unpack_from("<H", data, at)
+        found.append((number, at, at + sizes[number]))
+        at += sizes[number]
+    return found
+
+
+def rows_of(log: Log) -> dict[int, list[bytes]]:
+    """Stamp and values of each row, by id of its type."""
+    return {rows.type.id: [data.tobytes() for data in rows.data] for rows in log.rows.values()}
+
+
+def check_damaged(log: Log, whole: bytes, intact: int) -> None:
+    """What every reading of a damaged log must be. `whole` was the log; its first `intact` bytes are as they were."""
+    truth: dict[int, list[bytes]] = {}
+    before: dict[int, int] = {}
+    rows_in = spans(whole)
+    for number, begin, end in rows_in:
+        truth.setdefault(number, []).append(whole[begin + 2 : end])
+        before[number] = before.get(number, 0) + (end <= intact)
+    returned = rows_of(log)
+    for number, count in before.items():
+        if intact >= rows_in[0][1]:
+            assert returned[number][:count] == truth[number][:count], f"rows before byte {intact} are missing"
+    for rows in log.rows.values():
+        written = set(truth.get(rows.type.id, []))
+        for part in rows.verified:
+            assert {row.tobytes() for row in rows.data[part.start : part.stop]} <= written, "a verified row is wrong"
+    check_account(log)
+
+
+def check_account(log: Log) -> None:
+    """No byte is both returned and lost; ranges are in order and inside the file."""
+    edges = sorted([(each.begin, each.end) for each in log.parts])
+    assert edges == [(each.begin, each.end) for each in log.parts]
+    for (_, end), (begin, _) in itertools.pairwise(edges):
+        assert end <= begin
+    for damage in log.damages:
+        assert 0 <= damage.offset <= damage.offset + damage.size <= log.size
+        if not damage.why.startswith("the header"):
+            assert all(end <= damage.offset or damage.offset + damage.size <= begin for begin, end in edges), damage
+    for rows in log.rows.values():
+        assert sum(len(part) for part in rows.epochs) == len(rows)
+        assert all(0 <= part.start < part.stop <= len(rows) for part in rows.verified)

@@ -1,0 +1,167 @@
+"""`host usd`: what people see, files that are written, and exit codes."""
+
+import csv
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from host.cli import main
+from host.usd.decode import decode
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "usd"))
+
+from existing_reader import decode as existing
+from logs import Writer, fill
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> dict[str, Path]:
+    whole = fill(Writer(session=0xABCD1234, dropped=3), seed=1, rows=400).close()
+    contents = {"whole": whole, "cut": whole[:5000], "empty": b"", "other": b"PK\x03\x04"}
+    for name, data in contents.items():
+        (tmp_path / name).write_bytes(data)
+    return {name: tmp_path / name for name in contents}
+
+
+def events(capsys: pytest.CaptureFixture[str]) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_info(logs: dict[str, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["usd", "info", str(logs["whole"])]) == 0
+    shown = capsys.readouterr().out
+    for words in ("version 2, whole", "400 fixedFrequency", "acc.x(f)", "session abcd1234", "dropped 3"):
+        assert words in shown
+    assert main(["usd", "info", "--json", str(logs["whole"]), str(logs["empty"])]) == 4
+    first, second = events(capsys)
+    assert (first["whole"], first["types"][0]["rows"], first["counters"]["dropped"]) == (True, 400, 3)
+    assert (second["version"], second["damages"][0]["size"]) == (None, 0)
+
+
+def test_check(logs: dict[str, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["usd", "check", "--json", str(logs["whole"])]) == 4  # Three rows were dropped.
+    assert [each["event"] for each in events(capsys)] == ["drop", "clock", "checked"]
+    assert main(["usd", "check", "--json", str(logs["cut"])]) == 4
+    found = events(capsys)
+    assert {"open", "damage", "unverified"} <= {each["event"] for each in found}
+    damage = next(each for each in found if each["event"] == "damage")
+    assert damage["offset"] + damage["size"] == 5000
+    assert main(["usd", "check", str(logs["empty"])]) == 4
+    assert "power goes" in capsys.readouterr().out
+
+
+def test_a_good_log_is_good(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "log00"
+    path.write_bytes(fill(Writer(session=1), seed=1, rows=400).close())
+    assert main(["usd", "check", str(path)]) == 0
+    assert "good" in capsys.readouterr().out
+
+
+def test_csv_gives_every_number_back(logs: dict[str, Path], tmp_path: Path) -> None:
+    assert main(["usd", "decode", str(logs["whole"]), "-o", str(tmp_path / "out.csv")]) == 0
+    log = decode(logs["whole"].read_bytes())
+    for name, rows in log.rows.items():
+        with (tmp_path / f"out.{name}.csv").open(newline="") as file:
+            read = list(csv.DictReader(file))
+        assert [int(row["stamp_stm32_us"]) for row in read] == rows.stamp_us.tolist()
+        for variable in rows.type.variables:
+            values = np.array([row[variable.name] for row in read]).astype(rows.data.dtype[variable.name])
+            assert (values == rows.data[variable.name]).all()
+
+
+def test_npz_and_verified_only(logs: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "out.npz"
+    log = decode(logs["cut"].read_bytes())
+    assert main(["usd", "decode", str(logs["cut"]), "-o", str(path)]) == 0
+    assert "not whole" in capsys.readouterr().err
+    rows = log.rows["fixedFrequency"]
+    with np.load(path) as made:
+        assert (made["fixedFrequency"] == rows.data).all()
+        assert (made["fixedFrequency.verified"] == rows.is_verified).all()
+    assert 0 < rows.is_verified.sum() < len(rows)
+    assert main(["usd", "decode", str(logs["cut"]), "-o", str(path), "--verified-only", "--force"]) == 0
+    with np.load(path) as made:
+        assert (made["fixedFrequency"] == rows.data[rows.is_verified]).all()
+
+
+def test_mcap_is_read_by_its_own_package(logs: dict[str, Path], tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+
+    path = tmp_path / "out.mcap"
+    assert main(["usd", "decode", str(logs["whole"]), "-o", str(path)]) == 0
+    rows = decode(logs["whole"].read_bytes()).rows["fixedFrequency"]
+    with path.open("rb") as file:
+        messages = list(make_reader(file).iter_messages(log_time_order=False))
+    assert [message.log_time for _, _, message in messages] == sorted(message.log_time for _, _, message in messages)
+    read = [json.loads(message.data) for _, channel, message in messages if channel.topic == "/usd/fixedFrequency"]
+    assert [each["acc.x"] for each in read] == rows.data["acc.x"].tolist()
+    assert [each["stamp_stm32_us"] for each in read] == rows.stamp_us.tolist()
+
+
+def test_parquet(logs: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["usd", "decode", str(logs["whole"]), "-o", str(tmp_path / "out.parquet")]
+    try:
+        from pyarrow import parquet
+    except ImportError:
+        assert main(command) == 2
+        assert "spindeck[parquet]" in capsys.readouterr().err
+        return
+    assert main(command) == 0
+    read = parquet.read_table(tmp_path / "out.fixedFrequency.parquet")
+    rows = decode(logs["whole"].read_bytes()).rows["fixedFrequency"]
+    assert read["acc.x"].to_pylist() == rows.data["acc.x"].tolist()
+
+
+def test_repair_is_what_the_existing_reader_takes(logs: dict[str, Path], tmp_path: Path) -> None:
+    out = tmp_path / "repaired"
+    before = logs["cut"].read_bytes()
+    assert main(["usd", "repair", str(logs["cut"]), "-o", str(out)]) == 0
+    assert logs["cut"].read_bytes() == before
+    theirs = existing(out.read_bytes())
+    found = decode(before)
+    assert theirs is not None
+    assert theirs["fixedFrequency"]["acc.x"].tolist() == found.rows["fixedFrequency"].data["acc.x"].tolist()
+    # The new file's CRC is good, and makes nothing of it verified that was not.
+    again = decode(out.read_bytes())
+    assert again.is_whole
+    for name, rows in found.rows.items():
+        assert (again.rows[name].data[rows.is_verified] == rows.data[rows.is_verified])[
+            : 0 if name == "log.status" else None
+        ].all()
+        assert (again.rows[name].is_verified == rows.is_verified).all()
+
+
+def test_nothing_is_overwritten(logs: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    there = tmp_path / "there.npz"
+    there.write_text("precious")
+    for verb, out in (("decode", there), ("repair", there)):
+        assert main(["usd", verb, str(logs["whole"]), "-o", str(out)]) == 2
+        assert "--force" in capsys.readouterr().err
+    assert there.read_text() == "precious"
+    assert main(["usd", "repair", str(logs["whole"]), "-o", str(logs["whole"]), "--force"]) == 2
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["cut", "empty", "other", "there.npz", "whole"]
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (["info", "/nonexistent"], 2, "No such file"),
+        (["decode", "empty", "-o", "x.csv"], 4, "power goes"),
+        (["decode", "other", "-o", "x.csv"], 4, "not a log"),
+        (["repair", "empty", "-o", "x"], 4, "no rows"),
+        (["decode", "whole", "-o", "x.txt"], 2, ".parquet"),
+        (["decode", "whole", "-o", "/nonexistent/x.csv"], 2, "No such file"),
+    ],
+)
+def test_errors(
+    logs: dict[str, Path], words: list[str], code: int, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [str(logs.get(word, word)) for word in words]
+    assert main(["usd", *words]) == code
+    err = capsys.readouterr().err
+    assert says in err
+    assert err.count("\n") == 1
