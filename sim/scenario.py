@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import difflib
-import math
 import sys
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from importlib import resources
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any, Literal
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 from host.protocol.errors import LocalError
+from host.protocol.typed import integer, real
 
 from .settings import IMPOSSIBLE, SETTINGS, TABLES, General, RobotSettings, Scalar, Setting, plain
 
@@ -21,6 +21,7 @@ from .settings import IMPOSSIBLE, SETTINGS, TABLES, General, RobotSettings, Scal
 _PACKAGE = sys.modules[__package__]
 
 Value = Scalar | list[Scalar]
+TYPED: dict[type, Callable[[str], Scalar]] = {int: integer, float: real, str: str}
 FRAME_PERIOD_S_MAX = 10
 CRTP_PERIOD_S_MAX = 1000
 """In the STM32's configuration it has 32 bits of microseconds."""
@@ -176,12 +177,9 @@ def _checked_scalar(setting: Setting, value: object) -> Scalar:
 
 def _from_text(setting: Setting, text: str) -> Scalar:
     try:
-        value: Scalar = setting.kind(text)
+        return TYPED[setting.kind](text)
     except ValueError:
         raise LocalError(f"{setting.name}={text}: allowed is {setting.allowed}") from None
-    if isinstance(value, float) and not math.isfinite(value):
-        raise LocalError(f"{setting.name}={text}: allowed is {setting.allowed}")
-    return value
 
 
 def _flat(tables: Mapping[str, Any]) -> Iterator[tuple[str, object]]:

@@ -43,7 +43,7 @@ RULES: list[tuple[str, set[str], set[str]]] = [
     ("host.__main__", {"host.cli"}, set()),
     ("host", {"host.link", "host.protocol"}, set()),
     ("sim.images", {"sim", "host.native", "host.protocol", "host.firmware"}, IO | {"random"}),
-    ("sim.serial", {"sim", "host.native", "host.protocol"}, set()),
+    ("sim.serial", {"sim", "host.native", "host.protocol", "host.link.access"}, set()),
     ("sim", {"sim", "host.native", "host.protocol", "host.link.session", "host.link.records"}, IO | {"random"}),
 ]
 

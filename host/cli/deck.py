@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..protocol.errors import LocalError, PeerError, PeerSilentError
+from ..protocol.typed import integer
 from .stream import positive
 
 if TYPE_CHECKING:
@@ -50,12 +51,12 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     camera = of_deck.add_parser("camera", help="exposure, gain, rate, encoding", epilog=CAMERA)
     add = add_common(camera, timeout_s=10.0)
     exposure = camera.add_mutually_exclusive_group()
-    exposure.add_argument("--exposure-lines", type=int, metavar="N", help="fixed exposure, 2..65533 lines")
+    exposure.add_argument("--exposure-lines", type=integer, metavar="N", help="fixed exposure, 2..65533 lines")
     exposure.add_argument("--auto-exposure", action="store_true", help="automatic exposure (default)")
-    add("--analog-gain", type=int, metavar="X", help="1, 2, 4 or 8 (default 1)")
-    add("--digital-gain", type=int, metavar="N", help="in 1/64, 1..255 (default 64)")
+    add("--analog-gain", type=integer, metavar="X", help="1, 2, 4 or 8 (default 1)")
+    add("--digital-gain", type=integer, metavar="N", help="in 1/64, 1..255 (default 64)")
     add("--fps", type=positive(float), metavar="F", help="frames per second, 0.1..218 (default: as fast as it goes)")
-    add("--burst", type=int, metavar="N", help="images back to back, 1..3 (default 1)")
+    add("--burst", type=integer, metavar="N", help="images back to back, 1..3 (default 1)")
     add("--encoding", choices=["raw", "jpeg"], help="default raw")
     camera.set_defaults(run=run_camera)
     wifi = of_deck.add_parser("wifi", help="access point or station, name, key", epilog=WIFI)

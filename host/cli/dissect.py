@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..protocol.errors import LocalError, PeerError
+from ..protocol.typed import integer
 
 if TYPE_CHECKING:
     from ..protocol.dissect.fields import Field, Meaning
@@ -55,7 +56,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     add("file", metavar="FILE", help="the capture; - for stdin")
     add("--framing", choices=FRAMINGS, help="what the bytes are (default: guessed)")
     add("--hex", action="store_true", help="FILE is hexadecimal text")
-    add("--robot", type=int, metavar="N", help="of a recording (default: its first)")
+    add("--robot", type=integer, metavar="N", help="of a recording (default: its first)")
     add("--brief", action="store_true", help="one line a packet, without its fields")
     add("--show-keys", action="store_true", help="show keys of wireless networks in the clear")
     add("--json", action="store_true", help="JSON lines: each piece, then a summary")

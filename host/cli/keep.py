@@ -19,6 +19,8 @@ def new_folder(path: str) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise LocalError(f"--images {path}: not empty, and nothing is ever overwritten: name a new folder")
+    except (FileExistsError, NotADirectoryError) as error:
+        raise LocalError(f"--images {path}: a file is there: name a new folder") from error
     except OSError as error:
         raise LocalError(f"--images {path}: {error.strerror}") from error
     return folder

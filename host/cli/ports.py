@@ -7,6 +7,8 @@ import json
 import sys
 from typing import Any
 
+from ..protocol.typed import real
+
 TIMEOUT_S = 2.0
 
 EXAMPLES = """\
@@ -34,8 +36,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def seconds(text: str) -> float:
-    value = float(text)
-    if not 0 <= value < float("inf"):
+    value = real(text)
+    if value < 0:
         raise argparse.ArgumentTypeError(f"must be 0 or more, not {text}")
     return value
 

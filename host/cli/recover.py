@@ -6,6 +6,8 @@ import argparse
 import dataclasses
 from pathlib import Path
 
+from ..protocol.errors import LocalError
+
 EXAMPLES = """\
 FILE is only read. Every message of every chunk that was written completely is kept: a recording that was killed loses
 less than its last 250 ms.
@@ -37,6 +39,8 @@ def run(arguments: argparse.Namespace) -> int:
     from .as_json import line
 
     source = Path(arguments.file)
+    if source.is_dir():
+        raise LocalError(f"{arguments.file}: a folder: name one recording in it")
     target = arguments.output or str(source.with_name(f"{source.stem}.recovered{source.suffix or '.mcap'}"))
     found = recover(str(source), target)
     if arguments.json:

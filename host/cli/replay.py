@@ -8,6 +8,7 @@ import sys
 from typing import Any
 
 from ..protocol.errors import LocalError
+from ..protocol.typed import integer, real
 from .stream import positive
 
 EXAMPLES = """\
@@ -48,8 +49,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     add("file", metavar="FILE", help="a recording: host stream --record makes them")
     add("--rate", type=positive(float), default=1.0, metavar="R", help="so many times as fast (default 1)")
     add("--loop", action="store_true", help="again and again, until Ctrl-C")
-    add("--start", type=float, default=0.0, metavar="S", help="begin S seconds after the beginning (default 0)")
-    add("--robot", type=int, metavar="N", help="only this one (default: all in the recording)")
+    add("--start", type=real, default=0.0, metavar="S", help="begin S seconds after the beginning (default 0)")
+    add("--robot", type=integer, metavar="N", help="only this one (default: all in the recording)")
     add(
         "--listen", type=address, default=("127.0.0.1", 5000), metavar="HOST:PORT",
         help="where the first robot is; the next one is a port further (default 127.0.0.1:5000; port 0: any free ones)",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlencode
 
 from ..protocol.errors import LocalError
+from ..protocol.typed import integer
 
 if TYPE_CHECKING:
     from sim.scenario import Scenario
@@ -56,7 +57,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     add("--scenario", default="hover", metavar="NAME", help="hover (default), swarm, lossy, …, or a TOML file")
     add("--dialect", metavar="NAME", help="the robots' firmware: native, stock, … (key `firmware` of the scenario)")
     add("--camera", metavar="PATH", help="what the cameras see: a PGM, PPM or PNG file, or a folder of them")
-    add("--seed", type=int, metavar="N", help="of everything random")
+    add("--seed", type=integer, metavar="N", help="of everything random")
     add("--pace", choices=["real", "max"], help="real: by the wall clock (default); max: as fast as clients read")
     add("--announce", action="store_true", help="by mDNS, as AI-decks do (with --listen)")
     add("--log", metavar="FILE", help="keep what clients sent, and when: sim.world.World.replay repeats the run")

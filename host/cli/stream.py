@@ -6,6 +6,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
+from ..protocol.typed import integer, real
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -30,8 +32,8 @@ def positive(kind: type[int] | type[float]) -> Callable[[str], float]:
     """An argparse type: a number above zero."""
 
     def parse(text: str) -> float:
-        value = kind(text)
-        if not 0 < value < float("inf"):
+        value = integer(text) if kind is int else real(text)
+        if value <= 0:
             raise argparse.ArgumentTypeError(f"must be above 0, not {text}")
         return value
 

@@ -167,6 +167,11 @@ def read(
 
 def stream(arguments: argparse.Namespace, as_json: bool) -> int:
     """Opens every port, streams until done, prints the summary. Returns the exit code."""
+    for option in ("picture", "images", "record"):
+        if getattr(arguments, option) == "":
+            raise LocalError(f"--{option}: its name is empty")
+    if arguments.record_without and not arguments.record:
+        raise LocalError("--record-without: nothing is recorded: add --record FILE")
     if arguments.picture and Path(arguments.picture).exists():
         raise LocalError(f"--picture {arguments.picture}: exists, and nothing is ever overwritten: name another file")
     robots: list[Robot] = []

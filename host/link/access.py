@@ -1,4 +1,4 @@
-"""Why a serial device cannot be opened, and what to do: no permission, busy and by whom, missing, no serial device.
+"""Why a serial device cannot be opened, or a port listened at, and what to do: no permission, busy, missing, …
 
 Linux tells much of this to everybody, elsewhere the answer is shorter.
 """
@@ -9,6 +9,7 @@ import contextlib
 import difflib
 import errno
 import os
+import socket
 import stat
 from pathlib import Path
 
@@ -38,8 +39,34 @@ def why(error: Exception, device: str) -> str:
     return text
 
 
+def not_listening(error: Exception, host: str, port: int) -> str:
+    """Why nobody can listen there."""
+    number = getattr(error, "errno", None)
+    if isinstance(error, socket.gaierror | UnicodeError):
+        return "there is no such address; on this computer alone: 127.0.0.1"
+    if number == errno.EADDRINUSE:
+        return f"port {port} is in use: another simulator, or another program; name another port, or 0 for any"
+    if number == errno.EADDRNOTAVAIL:
+        return f"{host} is no address of this computer; 127.0.0.1 is heard on it alone, 0.0.0.0 by the whole network"
+    if number == errno.EACCES:
+        return f"port {port} is for the administrator alone: name one above 1023"
+    return getattr(error, "strerror", None) or str(error)
+
+
+def is_device(port: str) -> bool:
+    """By its name: a device that is not there, but may be plugged in."""
+    return "://" not in port and (os.sep in port or port.upper().startswith("COM"))
+
+
 def missing(device: str) -> str:
-    """With the devices that there are."""
+    """With the devices that there are, or what else was meant."""
+    if device.endswith(".mcap"):
+        return f"this is no port. Did you mean replay://{device}?"
+    if not is_device(device):
+        return (
+            "there is no such port. Write socket://ADDRESS:PORT, sim://SCENARIO, replay://FILE, or a serial device, "
+            "such as /dev/ttyUSB0; 'host ports' lists what there is"
+        )
     known = [each.port for each in serial_devices()]
     near = difflib.get_close_matches(device, known, n=1)
     if near:

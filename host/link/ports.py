@@ -11,7 +11,7 @@ from typing import Any, Protocol, cast
 from urllib.parse import quote, urlsplit
 
 from ..protocol.errors import LocalError, NotThereError
-from .access import why
+from .access import is_device, why
 from .dialects import Dialect
 from .session import FRAMINGS, Framing
 
@@ -195,10 +195,10 @@ def connect(url: str) -> socket.socket:
     """A TCP connection to what a socket:// URL names."""
     try:
         parts = urlsplit(url)
-        address = (parts.hostname or "", parts.port or TCP_PORT)
+        address = (parts.hostname or "", TCP_PORT if parts.port is None else parts.port)
     except ValueError as error:
         raise LocalError(f"{url}: {error}; write socket://ADDRESS:PORT") from error
-    if not address[0] or parts.path not in ("", "/") or parts.query:
+    if not address[0] or not address[1] or parts.path not in ("", "/") or parts.query:
         raise LocalError(f"{url}: write socket://ADDRESS:PORT")
     try:
         made = socket.create_connection(address, timeout=CONNECT_S)
@@ -261,13 +261,16 @@ def open_serial(url: str, scheme: str, baud: int) -> Any:
     for package in HANDLERS:
         if package not in serial.protocol_handler_packages:
             serial.protocol_handler_packages.append(package)
+    if scheme == "rfc2217" and not urlsplit(url).netloc.rpartition(":")[2].isdecimal():
+        raise LocalError(f"{url}: write rfc2217://ADDRESS:PORT")
     # Two readers on one device would each get half of the bytes.
     alone = {} if scheme or sys.platform == "win32" else {"exclusive": True}
     try:
         return serial.serial_for_url(url, baudrate=baud, timeout=POLL_S, write_timeout=POLL_S, **alone)
     except OSError as error:  # pyserial's own are such, with the system's number or behind them
         number = error.errno or getattr(error.__context__, "errno", None)
-        raise (NotThereError if number in ABSENT else LocalError)(f"{url}: {why(error, url)}") from error
+        absent = number in ABSENT and (number != errno.ENOENT or is_device(url))
+        raise (NotThereError if absent else LocalError)(f"{url}: {why(error, url)}") from error
     except ValueError as error:
         if "not known" not in str(error):
             raise LocalError(f"{url}: {error}") from error

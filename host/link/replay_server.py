@@ -12,6 +12,7 @@ from typing import Any
 from serial import SerialException
 
 from ..protocol.errors import LocalError, SpindeckError
+from .access import not_listening
 from .serial.protocol_replay import Serial
 
 POLL_S = 0.1
@@ -35,10 +36,11 @@ class ReplayServer:
         with contextlib.closing(Serial(url)) as replay:
             self.robot, self.framing = replay.robot, replay.framing
         try:
-            family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+            family = socket.getaddrinfo(*address, type=socket.SOCK_STREAM)[0][0]
             self._listener = socket.create_server(address, family=family)
-        except OSError as error:
-            raise LocalError(f"--listen {address[0]}:{address[1]}: {error.strerror or error}") from error
+        except (OSError, UnicodeError) as error:
+            place = f"--listen {address[0]}:{address[1]}"
+            raise LocalError(f"{place}: {not_listening(error, *address)}") from error
         self._listener.settimeout(POLL_S)
         host, port = self._listener.getsockname()[:2]
         self.address = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

@@ -8,11 +8,12 @@ from typing import Any
 from urllib.parse import parse_qsl, quote, unquote, urlencode
 
 from ..protocol.errors import LocalError
+from ..protocol.typed import integer, real
 
 
-def number(kind: type[int] | type[float], least: float) -> Callable[[str], Any]:
-    def parse(text: str) -> int | float:
-        value = kind(text)
+def number(read: Callable[[str], float], least: float) -> Callable[[str], Any]:
+    def parse(text: str) -> float:
+        value = read(text)
         if not least <= value < 1e9:
             raise ValueError
         return value
@@ -21,10 +22,10 @@ def number(kind: type[int] | type[float], least: float) -> Callable[[str], Any]:
 
 
 KEYS: dict[str, tuple[Callable[[str], Any], str]] = {
-    "rate": (number(float, 1e-3), "a number from 0.001, 1 is as fast as it was"),
+    "rate": (number(real, 1e-3), "a number from 0.001 and below 1e9, 1 is as fast as it was"),
     "loop": ({"0": False, "1": True}.__getitem__, "0 or 1"),
-    "start": (number(float, 0), "seconds from the beginning"),
-    "robot": (number(int, 0), "the number of a robot in the recording"),
+    "start": (number(real, 0), "seconds from the beginning"),
+    "robot": (number(integer, 0), "the number of a robot in the recording"),
     "pace": ({"real": "real", "max": "max"}.__getitem__, "real or max"),
 }
 
@@ -43,7 +44,7 @@ class Choice:
 
 def from_url(url: str) -> Choice:
     """LocalError when it is none."""
-    path, _, query = url.removeprefix("replay://").partition("?")
+    path, _, query = url.partition("://")[2].partition("?")
     values: dict[str, Any] = {}
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key not in KEYS:

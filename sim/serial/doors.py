@@ -4,7 +4,6 @@ nothing here knows of robots."""
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import re
 import select
@@ -12,6 +11,7 @@ import socket
 import time
 from typing import Protocol
 
+from host.link.access import not_listening
 from host.protocol.errors import LocalError
 
 PORT = 5000
@@ -207,7 +207,9 @@ def shown(host: str, port: int) -> str:
 
 def address(text: str) -> tuple[str, int]:
     """ADDRESS:PORT, [ADDRESS]:PORT or ADDRESS, as host and port."""
-    found = re.fullmatch(r"(?:\[(?P<six>[^\]]+)\]|(?P<four>[^:\[\]]*[^:\[\]0-9][^:\[\]]*))(?::(?P<port>\d+))?", text)
+    found = re.fullmatch(
+        r"(?:\[(?P<six>[^\]]+)\]|(?P<four>[^:\[\]]*[^:\[\]0-9][^:\[\]]*))(?::(?P<port>[0-9]{1,9}))?", text
+    )
     if not found or int(found["port"] or 0) > PORT_MAX:
         raise LocalError(f"--listen {text}: write ADDRESS:PORT, such as 127.0.0.1:{PORT}, with a port up to {PORT_MAX}")
     return found["six"] or found["four"], int(found["port"] or PORT)
@@ -219,8 +221,8 @@ def _listen(host: str, port: int) -> socket.socket:
         raise LocalError(f"--listen: each robot has a port of its own, and there is none after {PORT_MAX}: begin lower")
     try:
         family, _, _, _, where = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
-    except (socket.gaierror, UnicodeError) as error:
-        raise LocalError(f"--listen {place}: there is no such address; on this computer alone: 127.0.0.1") from error
+    except (OSError, UnicodeError) as error:
+        raise LocalError(f"--listen {place}: {not_listening(error, host, port)}") from error
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:
         if os.name == "posix":
@@ -232,15 +234,5 @@ def _listen(host: str, port: int) -> socket.socket:
         listener.setblocking(False)
     except OSError as error:
         listener.close()
-        raise LocalError(f"--listen {place}: {_why_not(error, host, port)}") from error
+        raise LocalError(f"--listen {place}: {not_listening(error, host, port)}") from error
     return listener
-
-
-def _why_not(error: OSError, host: str, port: int) -> str:
-    if error.errno == errno.EADDRINUSE:
-        return f"port {port} is in use: another simulator, or another program; name another port, or 0 for any"
-    if error.errno == errno.EADDRNOTAVAIL:
-        return f"{host} is no address of this computer; 127.0.0.1 is heard on it alone, 0.0.0.0 by the whole network"
-    if error.errno == errno.EACCES:
-        return f"port {port} is for the administrator alone: name one above 1023"
-    return error.strerror or str(error)

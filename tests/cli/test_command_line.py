@@ -71,6 +71,30 @@ def test_several_robots() -> None:
     assert [(summary["robot"], summary["frames"]) for summary in summaries] == [(0, 3), (1, 3)]
 
 
+def test_images_where_a_file_is(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for path in (tmp_path / "file", tmp_path / "file" / "below"):
+        result = host("stream", "--port", "sim://hover", "--images", str(path))
+        assert result.returncode == 2
+        assert result.stderr == f"host: --images {path}: a file is there: name a new folder\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--record", ""], "--record: its name is empty"),
+        (["--images", ""], "--images: its name is empty"),
+        (["--picture", ""], "--picture: its name is empty"),
+        (["--record-without", "raw"], "nothing is recorded: add --record FILE"),
+    ],
+)
+def test_what_would_keep_nothing_is_said_before_the_stream(words: list[str], says: str) -> None:
+    result = host("stream", "--port", "sim://hover?pace=max", "--count", "1", *words)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert says in result.stderr
+
+
 def test_images_are_kept_and_never_overwritten(tmp_path: Path) -> None:
     folder = tmp_path / "flight"
     words = ["stream", "--port", "sim://hover?pace=max", "--count", "3", "--images", str(folder)]

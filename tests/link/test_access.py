@@ -147,8 +147,11 @@ def test_bytes_and_nothing_in_them_is_the_wrong_baud_rate(terminal, framing, bau
         thread = threading.Thread(target=make_noise)
         thread.start()
         try:
-            with pytest.raises(PeerError, match=rf"(\d+% garbage|no packet in them): wrong baud rate\? It is {baud}"):
+            with pytest.raises(
+                PeerError, match=rf"(\d+% garbage|no packet in them): wrong baud rate\? It is {baud}"
+            ) as caught:
                 list(stream)
+            assert str(caught.value).count(str(baud)) == 1
         finally:
             stop.set()
             thread.join()

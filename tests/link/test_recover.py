@@ -163,6 +163,12 @@ def test_what_cannot_be_recovered_is_told(
     assert not (tmp_path / "x.recovered.mcap").exists()
 
 
+def test_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for folder in (str(tmp_path), "."):
+        assert main(["recover", folder]) == 2
+        assert "a folder: name one recording in it" in capsys.readouterr().err
+
+
 def test_a_whole_recording_of_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording.Recorder(str(tmp_path / "x.mcap")).close()
     assert main(["recover", str(tmp_path / "x.mcap")]) == 2

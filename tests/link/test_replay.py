@@ -312,12 +312,17 @@ def test_wrong_files_are_told_in_one_line(
     [
         ("rat=1", "rate, loop, start"), ("rate=0", "0.001"), ("rate=fast", "number"), ("rate=nan", "number"),
         ("loop=yes", "0 or 1"), ("start=-1", "seconds"), ("start=1000", "ends after"), ("robot=7", "only 0, 1, 2, 3"),
-        ("robot=x", "robot"), ("pace=slow", "real or max"),
+        ("robot=x", "robot"), ("rate=1_0", "number"), ("robot=\uff11", "robot"), ("pace=slow", "real or max"),
     ],
 )  # fmt: skip
 def test_wrong_urls(four: tuple[Path, list[Tee]], query: str, says: str) -> None:
     with pytest.raises(LocalError, match=says):
         open_port(f"replay://{four[0]}?{query}")
+
+
+def test_an_address_that_is_none(four: tuple[Path, list[Tee]], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", str(four[0]), "--listen", "nowhere.invalid:5000"]) == 2
+    assert "there is no such address" in capsys.readouterr().err
 
 
 def test_urls_there_and_back() -> None:
@@ -334,7 +339,10 @@ def test_two_robots_are_served_on_two_ports(four: tuple[Path, list[Tee]], capsys
     busy = socket.create_server(("127.0.0.1", 0))
     port = busy.getsockname()[1]
     assert main(["replay", str(four[0]), "--listen", f"127.0.0.1:{port}", "--robot", "0"]) == 2
-    assert "in use" in capsys.readouterr().err
+    assert capsys.readouterr().err == (
+        f"host: --listen 127.0.0.1:{port}: port {port} is in use: another simulator, or another program; "
+        "name another port, or 0 for any\n"
+    )
     busy.close()
     running = threading.Thread(target=main, args=(["replay", str(four[0]), "--listen", "127.0.0.1:0", "--rate", "50"],))
     running.start()

@@ -58,6 +58,8 @@ REFUSED = [
     ("gap8_ppm=nan", "gap8_ppm=nan: allowed is -20000 .. 20000 ppm"),
     ("gap8_ppm=inf", "gap8_ppm=inf: allowed"),
     ("gap8_ppm=", "gap8_ppm=: allowed"),
+    ("gap8_ppm=1_0", "gap8_ppm=1_0: allowed"),
+    ("seed=\uff11", "seed=\uff11: allowed"),
     ("gap8_ppm=fast", "gap8_ppm=fast: allowed"),
     ("gap8_ppm=1&gap8_ppm=2", "gap8_ppm is given twice"),
     ("camera=a&camera_path=b", "camera_path is given twice"),
