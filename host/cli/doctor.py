@@ -106,16 +106,23 @@ def listen(arguments: argparse.Namespace) -> tuple[Listening, bool]:
                 with stream:
                     over = attend(stream, heard, arguments.duration, interrupt)
                     total += stream.counters
+                if not over and not stream.counters.bytes:
+                    pause(heard)  # a robot that takes no connection is not to be flooded with them
             try:
                 stream = None if over else connect(arguments)
             except LocalError:
                 stream = None
-                time.sleep(RETRY_S)
-                heard.read(time.monotonic_ns(), int(RETRY_S * 1e9), 0)  # only real ports are tried again
+                pause(heard)
     if stream is not None:
         stream.close()
     heard.counters = total
     return heard, interrupt.asked
+
+
+def pause(heard: Listening) -> None:
+    """Before a real port is tried again."""
+    time.sleep(RETRY_S)
+    heard.read(time.monotonic_ns(), int(RETRY_S * 1e9), 0)
 
 
 def connect(arguments: argparse.Namespace) -> Stream:

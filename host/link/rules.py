@@ -68,6 +68,10 @@ def silence(heard: Listening) -> Iterator[Finding]:
     elif counters.bytes == 0 and heard.framing == "cpx-uart":
         todo = "Is the ESP32 on? Is the wire on its TX and RX, and the ground connected?"
         yield Finding("ESP32", "problem", "silent", "not a byte came", f"{heard.seconds:.0f} s of silence", todo)
+    elif counters.bytes == 0 and heard.ends:
+        evidence = f"it ended {times(len(heard.ends))} before a byte had come: {heard.ends[-1][1]}"
+        todo = "End the other program: an AI-deck serves one client at a time. Nobody else? Restart the deck."
+        yield Finding("Wi-Fi", "problem", "another_client", "the robot takes no connection from here", evidence, todo)
     elif counters.garbage_bytes > counters.bytes / 2:
         evidence = f"{counters.garbage_bytes} of {counters.bytes} bytes are no part of a packet"
         todo = "Check --baud and --framing. 'host dissect' shows single bytes."
@@ -76,6 +80,8 @@ def silence(heard: Listening) -> Iterator[Finding]:
         kinds = ", ".join(f"{count} {name}" for name, count in counters.packets.items() if count)
         evidence = f"the ESP32 is there, and in {heard.seconds:.0f} s it passed on {kinds or 'nothing'}"
         todo = "Is the camera's cable in? Restart the GAP8 and look at its console: is its firmware the streamer?"
+        if counters.bytes == 0:
+            todo += " Is another program connected? The ESP32 serves one client, and leaves a second one unheard."
         yield Finding("camera", "problem", "no_frames", "the camera or the GAP8 is silent", evidence, todo)
 
 
@@ -113,7 +119,7 @@ def restarts(heard: Listening) -> Iterator[Finding]:
         evidence = f"{times(heard.esp32_restarts)} its uptime began anew; connections ended: {len(heard.ends)}"
         todo = "Look at its supply (a full battery, the deck's pins) and its console: a watchdog, or an exception?"
         yield Finding("ESP32", "problem", "esp32_restarts", "the ESP32 restarts", evidence, todo)
-    elif heard.ends:
+    elif heard.ends and heard.counters.bytes:
         evidence = f"{times(len(heard.ends))}, the last: {heard.ends[-1][1]}"
         todo = "Does the ESP32 restart, does the computer leave the network, does another client take its place?"
         yield Finding("Wi-Fi", "problem", "connection_ends", "the connection ends", evidence, todo)

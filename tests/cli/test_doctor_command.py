@@ -132,3 +132,25 @@ def test_a_connection_that_ends_is_made_again(capsys: pytest.CaptureFixture[str]
     findings = found["findings"]
     assert isinstance(findings, list)
     assert ("Wi-Fi", "connection_ends") in [(each["stage"], each["cause"]) for each in findings]
+
+
+def test_a_robot_that_has_another_client_is_not_flooded(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "RETRY_S", 0.5)
+    server = socket.create_server(("127.0.0.1", 0))
+    came = []
+
+    def robot() -> None:
+        while True:
+            connection, _ = server.accept()
+            connection.close()
+            came.append(None)
+
+    threading.Thread(target=robot, daemon=True).start()
+    port = f"socket://127.0.0.1:{server.getsockname()[1]}"
+    assert main(["doctor", "--port", port, "--duration", "2", "--json"]) == 3
+    assert 1 < len(came) < 7
+    findings = diagnosis(capsys)["findings"]
+    assert isinstance(findings, list)
+    assert [each["cause"] for each in findings] == ["another_client"]
