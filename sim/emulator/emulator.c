@@ -5,8 +5,9 @@
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
-enum { RAM_PATTERN = 0xA5 };
+enum { RAM_PATTERN = 0xA5, PAGE_BYTES = 4096 };
 
 void emulator_fail(emulator_t *e, const char *format, ...) {
     if (e->report->failed) {
@@ -21,10 +22,17 @@ void emulator_fail(emulator_t *e, const char *format, ...) {
     va_start(arguments, format);
     used += vsnprintf(out + used, room - (size_t)used, format, arguments);
     va_end(arguments);
-    if (e->engine != NULL && (size_t)used + 2 < room) {
-        used += snprintf(out + used, room - (size_t)used, "; ");
-        e->machine->cpu->describe(e, out + used, room - (size_t)used);
+    if (e->engine != NULL) {
         e->api->stop(e->engine);
+    }
+}
+
+void emulator_run(emulator_t *e, bool thread) {
+    e->machine->cpu->run(e, thread);
+    if (emulator_failed(e)) {
+        char *out = e->report->text;
+        size_t used = strlen(out);
+        e->machine->cpu->describe(e, out + used, sizeof e->report->text - used);
     }
 }
 
@@ -32,15 +40,23 @@ bool emulator_models(int mcu) {
     return machine_of(mcu) != NULL;
 }
 
-uint8_t *emulator_at(const emulator_t *e, uint32_t address, size_t size) {
+static uint8_t *at(const emulator_t *e, uint32_t address, size_t size, bool writable) {
     for (int i = 0; i < MACHINE_MEMORIES_MAX; i++) {
         const machine_memory_t *memory = &e->machine->memories[i];
         uint32_t offset = address - memory->address;
         if (offset < memory->bytes && size <= memory->bytes - offset) {
-            return e->memories[i] + offset;
+            return writable && !memory->writable ? NULL : e->memories[i] + offset;
         }
     }
     return NULL;
+}
+
+uint8_t *emulator_at(const emulator_t *e, uint32_t address, size_t size) {
+    return at(e, address, size, false);
+}
+
+uint8_t *emulator_ram_at(const emulator_t *e, uint32_t address, size_t size) {
+    return at(e, address, size, true);
 }
 
 const uint8_t *emulator_memory(const emulator_t *e, uint32_t address, size_t size) {
@@ -53,7 +69,7 @@ static bool allocate(emulator_t *e) {
     e->machine_state = calloc(1, e->machine->state_bytes);
     bool ok = e->cpu_state != NULL && e->machine_state != NULL;
     for (int i = 0; i < MACHINE_MEMORIES_MAX && e->machine->memories[i].bytes != 0; i++) {
-        e->memories[i] = aligned_alloc(4096, e->machine->memories[i].bytes);
+        e->memories[i] = aligned_alloc(PAGE_BYTES, e->machine->memories[i].bytes);
         ok = ok && e->memories[i] != NULL;
     }
     return ok;
@@ -69,8 +85,8 @@ static void check_image(emulator_t *e) {
         }
     }
     const uint32_t symbols[][2] = {{image->board_config, image->board_config_bytes},
-                                   {image->board_stamp_reset, 8},
-                                   {image->board_init_result, 4},
+                                   {image->board_stamp_reset, sizeof(uint64_t)},
+                                   {image->board_init_result, sizeof(uint32_t)},
                                    {image->board_app, image->board_app_bytes}};
     for (size_t i = 0; i < sizeof symbols / sizeof symbols[0]; i++) {
         if (emulator_at(e, symbols[i][0], symbols[i][1]) == NULL) {
@@ -144,6 +160,30 @@ DEVICE(1)
 DEVICE(2)
 DEVICE(3)
 
+static bool holds_code(const emulator_t *e, uint32_t page) {
+    bool code = false;
+    for (size_t i = 0; i < e->image->segment_count; i++) {
+        const image_segment_t *segment = &e->image->segments[i];
+        code = code || (segment->executable && segment->address < page + PAGE_BYTES &&
+                        page < segment->address + segment->bytes.size);
+    }
+    return code;
+}
+
+// Where code may be executed, every store is looked at, in case that it changes code: so RAM without code is
+// four times as fast. What else is forbidden is told by map.
+static bool on_page(unicorn_t *engine, uint64_t address, int type, unicorn_page_t *page, void *user) {
+    const emulator_t *e = user;
+    const unicorn_api_t *api = e->api;
+    uint32_t at = (uint32_t)address & ~(uint32_t)(PAGE_BYTES - 1);
+    (void)engine;
+    (void)type;
+    page->address = address;
+    bool code = emulator_ram_at(e, at, 1) == NULL || holds_code(e, at);
+    page->rights = api->rights_read | api->rights_write | (code ? api->rights_execute : 0);
+    return true;
+}
+
 static bool map(emulator_t *e) {
     static uint64_t (*const READ[])(unicorn_t *, uint64_t, unsigned, void *) = {read_0, read_1, read_2,
                                                                                 read_3};
@@ -159,6 +199,13 @@ static bool map(emulator_t *e) {
     for (int i = 0; i < MACHINE_DEVICES_MAX && e->machine->devices[i].bytes != 0 && error == 0; i++) {
         const machine_devices_t *devices = &e->machine->devices[i];
         error = api->map_device(e->engine, devices->address, devices->bytes, READ[i], e, WRITE[i], e);
+    }
+    size_t hook;
+    if (error == 0) {
+        error = api->control(e->engine, api->control_tlb, 1);
+    }
+    if (error == 0) {
+        error = api->add_hook(e->engine, &hook, api->hook_page, (void *)on_page, e, 1, 0);
     }
     if (error != 0) {
         emulator_fail(e, "Unicorn cannot map its memory: %s", api->describe(error));
@@ -200,7 +247,7 @@ int emulator_power_up(emulator_t *e, bytes_t config, int64_t local_ns) {
     memset(e->machine_state, 0, e->machine->state_bytes);
     e->machine->cpu->reset(e);
     e->machine->reset(e);
-    e->machine->cpu->run(e, true);
+    emulator_run(e, true);
     return (int)load32_le(emulator_at(e, e->image->board_init_result, 4));
 }
 
@@ -213,7 +260,7 @@ static bool enter(emulator_t *e, int64_t local_ns) {
     e->blocks_left = EMULATOR_BLOCKS_MAX;
     if (e->machine->alarm_ns(e) <= local_ns) {
         e->machine->alarm(e);
-        e->machine->cpu->run(e, false);
+        emulator_run(e, false);
     }
     return !emulator_failed(e);
 }
@@ -221,7 +268,6 @@ static bool enter(emulator_t *e, int64_t local_ns) {
 int emulator_receive(emulator_t *e, int port, bytes_t in, int64_t local_ns) {
     if (enter(e, local_ns)) {
         e->machine->receive(e, port, in);
-        e->machine->cpu->run(e, false);
     }
     return (int)in.size;
 }
@@ -231,7 +277,7 @@ size_t emulator_transmit(emulator_t *e, int port, bytes_mut_t out, int64_t local
         return 0;
     }
     e->machine->asked(e, port);
-    e->machine->cpu->run(e, true);
+    emulator_run(e, true);
     return emulator_failed(e) ? 0 : e->machine->take(e, port, out);
 }
 
@@ -239,9 +285,13 @@ uint64_t emulator_deadline(emulator_t *e, int64_t local_ns) {
     if (!enter(e, local_ns)) {
         return NEVER_US;
     }
-    e->machine->cpu->run(e, true);
+    emulator_run(e, true);
     int64_t alarm_ns = emulator_failed(e) ? INT64_MAX : e->machine->alarm_ns(e);
     return alarm_ns == INT64_MAX ? NEVER_US : (uint64_t)alarm_ns / 1000 + (alarm_ns % 1000 != 0);
+}
+
+void emulator_set_wire(emulator_t *e, int port, int64_t byte_ps) {
+    e->wire_byte_ps[port] = byte_ps;
 }
 
 int64_t emulator_byte_ps(emulator_t *e, int port) {
@@ -252,7 +302,7 @@ void emulator_reset_stamp(emulator_t *e, uint64_t to_us, int64_t local_ns) {
     if (enter(e, local_ns)) {
         store64_le(emulator_at(e, e->image->board_stamp_reset, 8), to_us);
         e->machine->reset_stamp(e);
-        e->machine->cpu->run(e, false);
+        emulator_run(e, false);
     }
 }
 

@@ -16,6 +16,7 @@ enum {
 
 typedef struct {
     uint32_t address;
+    bool executable;
     bytes_t bytes;
 } image_segment_t;
 
@@ -59,6 +60,10 @@ int emulator_power_up(emulator_t *self, bytes_t config, int64_t local_ns);
 int emulator_receive(emulator_t *self, int port, bytes_t in, int64_t local_ns);
 size_t emulator_transmit(emulator_t *self, int port, bytes_mut_t out, int64_t local_ns);
 uint64_t emulator_deadline(emulator_t *self, int64_t local_ns);
+
+/// How long a byte takes that the other end of that UART sends: if it is not what the image's baud register
+/// says, it is received with a framing error.
+void emulator_set_wire(emulator_t *self, int port, int64_t byte_ps);
 
 /// How long a byte takes on that port, from its baud register; 0 for a port that is no UART.
 int64_t emulator_byte_ps(emulator_t *self, int port);

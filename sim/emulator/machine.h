@@ -7,7 +7,7 @@
 
 #include "emulator.h"
 
-enum { MACHINE_MEMORIES_MAX = 2, MACHINE_DEVICES_MAX = 4 };
+enum { MACHINE_MEMORIES_MAX = 2, MACHINE_DEVICES_MAX = 4, MACHINE_PORTS_MAX = 4 };
 
 typedef struct {
     uint32_t address;
@@ -28,8 +28,8 @@ typedef struct {
     void (*reset)(emulator_t *e);
     /// Runs every handler that can be taken, and if `thread` the main program until it sleeps.
     void (*run)(emulator_t *e, bool thread);
-    /// Writes "pc=0x... ..." and returns its length.
-    size_t (*describe)(emulator_t *e, char *out, size_t size);
+    /// Writes "; pc=0x... ...".
+    void (*describe)(emulator_t *e, char *out, size_t size);
 } cpu_t;
 
 typedef struct {
@@ -41,6 +41,7 @@ typedef struct {
     void (*reset)(emulator_t *e);
     uint32_t (*read)(emulator_t *e, uint32_t address, unsigned size);
     void (*write)(emulator_t *e, uint32_t address, unsigned size, uint32_t value);
+    /// Has to run the handlers too (emulator_run): bytes come one after the other.
     void (*receive)(emulator_t *e, int port, bytes_t in);
     /// The kernel asks this port for bytes: if its transmitter is busy with bytes that `take` has handed out,
     /// they have left.
@@ -67,21 +68,26 @@ struct emulator {
     uint8_t *memories[MACHINE_MEMORIES_MAX];
     int64_t now_ns; ///< local
     uint32_t blocks_left;
-    uint32_t block; ///< address of the last one begun
+    int64_t wire_byte_ps[MACHINE_PORTS_MAX]; ///< how fast the other end of a UART sends
 };
 
 /// By mcu_t; NULL if there is no model of it.
 const machine_t *machine_of(int mcu);
 
-/// Ends the run, with the CPU's registers; only the first failure of a world is kept.
+/// Ends the run; the CPU's registers are added when it has stopped. Only the first failure of a world is
+/// kept.
 __attribute__((format(printf, 2, 3))) void emulator_fail(emulator_t *e, const char *format, ...);
 
-/// For a CPU's `run`, and in hooks: to be checked before the code goes on.
 static inline bool emulator_failed(const emulator_t *e) {
     return e->report->failed;
 }
 
+/// cpu->run; after each call emulator_failed is to be checked.
+void emulator_run(emulator_t *e, bool thread);
+
 /// Host memory of `size` bytes at an address; NULL if it is not one piece there.
 uint8_t *emulator_at(const emulator_t *e, uint32_t address, size_t size);
+/// Likewise, of memory that code can write.
+uint8_t *emulator_ram_at(const emulator_t *e, uint32_t address, size_t size);
 
 #endif

@@ -30,7 +30,7 @@ typedef enum {
     UNICORN_REG_ARM_LR,
     UNICORN_REG_ARM_PC,
     UNICORN_REG_ARM_XPSR,
-    UNICORN_REG_ARM_IPSR,
+    UNICORN_REG_ARM_XPSR_NZCVQG, ///< the same, to be written
     UNICORN_REG_ARM_CONTROL,
     UNICORN_REG_ARM_MSP,
     UNICORN_REG_ARM_PSP,
@@ -38,9 +38,9 @@ typedef enum {
     UNICORN_REG_ARM_BASEPRI,
     UNICORN_REG_ARM_FAULTMASK,
     UNICORN_REG_ARM_FPSCR,
-    UNICORN_REG_ARM_S0,                             ///< the 15 others follow
-    UNICORN_REG_RISCV_X0 = UNICORN_REG_ARM_S0 + 16, ///< the 31 others follow
-    UNICORN_REG_RISCV_PC = UNICORN_REG_RISCV_X0 + 32,
+    UNICORN_REG_ARM_D0,   ///< the 7 others have the next numbers of Unicorn's
+    UNICORN_REG_RISCV_X0, ///< so do the 31 others
+    UNICORN_REG_RISCV_PC,
     UNICORN_REG_RISCV_MSTATUS,
     UNICORN_REG_RISCV_MIE,
     UNICORN_REG_RISCV_MIP,
@@ -50,13 +50,19 @@ typedef enum {
     UNICORN_REG_COUNT,
 } unicorn_reg_t;
 
+/// uc_tlb_entry: what a page of addresses stands for.
+typedef struct {
+    uint64_t address;
+    int rights;
+} unicorn_page_t;
+
 /// Every function returns 0 or an error that `describe` explains.
 typedef struct {
     int (*open)(int arch, int mode, unicorn_t **engine);
     int (*close)(unicorn_t *engine);
     int (*control)(unicorn_t *engine, int control, ...);
     const char *(*describe)(int error);
-    int (*map_memory)(unicorn_t *engine, uint64_t address, size_t size, uint32_t rights, void *memory);
+    int (*map_memory)(unicorn_t *engine, uint64_t address, uint64_t size, uint32_t rights, void *memory);
     int (*map_device)(unicorn_t *engine, uint64_t address, size_t size,
                       uint64_t (*read)(unicorn_t *, uint64_t offset, unsigned size, void *user),
                       void *read_user,
@@ -79,13 +85,18 @@ typedef struct {
     int rights_read;
     int rights_write;
     int rights_execute;
+    int control_tlb; ///< sets where pages are looked up: 1, in hook_page
+    int hook_page;
     int hook_interrupt;
     int hook_block;
-    int hook_code;
-    int hook_memory_invalid;
-    int registers[128]; ///< by unicorn_reg_t
+    int error_instruction;   ///< what start returns for an undefined one
+    int hook_memory_invalid; ///< its callback's second argument is the access that failed:
+    int access_read_unmapped;
+    int access_write_unmapped;
+    int access_write_protected;
+    int registers[64]; ///< by unicorn_reg_t
 } unicorn_api_t;
 
-_Static_assert(UNICORN_REG_COUNT <= 128, "unicorn_api_t.registers is too short");
+_Static_assert(UNICORN_REG_COUNT <= 64, "unicorn_api_t.registers is too short");
 
 #endif

@@ -1,9 +1,34 @@
 #include "world.h"
 
+#include "../../firmware/gap8/board/config.h"
+#include "../../firmware/stm32/board/config.h"
+
+#include <string.h>
+
+_Static_assert((int)GAP8_STAMP_RTC == (int)QUANTUM_RTC && (int)GAP8_STAMP_1MS == (int)QUANTUM_1MS,
+               "the GAP8's board has other numbers for them");
+
+// Zeroed first, so that the padding is the same in every run.
 static int emulated_init(void *app, const void *config, instant_t now, int64_t local_ns) {
     emulated_t *self = app;
+    const clock_config_t *clock = self->clock;
     (void)now;
-    return emulator_power_up(self->emulator, (bytes_t){config, 0}, local_ns);
+    if (self->mcu == MCU_STM32) {
+        stm32_board_config_t board;
+        memset(&board, 0, sizeof board);
+        memcpy(&board.app, config, sizeof board.app);
+        board.stamp_start_us = clock->stamp_start_us;
+        board.stamp_bits = clock->stamp_bits;
+        board.stamp_divider = clock->divider;
+        return emulator_power_up(self->emulator, (bytes_t){(const uint8_t *)&board, sizeof board}, local_ns);
+    }
+    gap8_board_config_t board;
+    memset(&board, 0, sizeof board);
+    memcpy(&board.app, config, sizeof board.app);
+    board.stamp_start_us = clock->stamp_start_us;
+    board.stamp_bits = clock->stamp_bits;
+    board.stamp_quantum = clock->quantum;
+    return emulator_power_up(self->emulator, (bytes_t){(const uint8_t *)&board, sizeof board}, local_ns);
 }
 
 static int emulated_receive(void *app, int port, bytes_t in, instant_t now, int64_t local_ns) {
@@ -31,6 +56,15 @@ static void emulated_reset_stamp(void *app, uint64_t to_us, int64_t local_ns) {
 static const node_verbs_t emulated_verbs = {emulated_init,     emulated_receive, emulated_transmit,
                                             emulated_deadline, emulated_byte_ps, emulated_reset_stamp};
 
+// What the other end of each UART sends at.
+static void set_wires(emulator_t *emulator, mcu_t mcu, const robot_config_t *config) {
+    if (mcu == MCU_STM32) {
+        emulator_set_wire(emulator, STM32_PORT_UART2, config->uart2_esp32_byte_ps);
+    } else {
+        emulator_set_wire(emulator, GAP8_PORT_UART1, config->uart1_byte_ps);
+    }
+}
+
 int kernel_emulate(kernel_t *k, int robot, mcu_t mcu, const unicorn_api_t *api, const image_t *image) {
     robot_t *r = robot_of(k, robot);
     if (r == NULL || (unsigned)mcu >= MCU_COUNT || image->mcu != (int)mcu || !emulator_models((int)mcu) ||
@@ -42,7 +76,8 @@ int kernel_emulate(kernel_t *k, int robot, mcu_t mcu, const unicorn_api_t *api, 
         return KERNEL_ERR_MEMORY;
     }
     r->memory += emulator_bytes(emulator);
-    r->emulated[mcu] = (emulated_t){.emulator = emulator};
+    set_wires(emulator, mcu, &r->config);
+    r->emulated[mcu] = (emulated_t){.emulator = emulator, .mcu = mcu, .clock = &r->config.clocks[mcu]};
     r->nodes[mcu].verbs = &emulated_verbs;
     r->nodes[mcu].app = &r->emulated[mcu];
     return k->report.failed ? KERNEL_ERR_IMAGE : 0;

@@ -71,6 +71,8 @@ typedef struct {
 /// The app of a node that runs an image.
 typedef struct {
     emulator_t *emulator;
+    mcu_t mcu;
+    const clock_config_t *clock;
 } emulated_t;
 
 /// One sender's end of a UART.

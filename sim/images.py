@@ -1,0 +1,127 @@
+"""Firmware images: an ELF file as the simulator loads it, and what its addresses are called."""
+
+from __future__ import annotations
+
+import bisect
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from host.native import ffi, lib
+from host.protocol.errors import LocalError
+
+SYMBOLS = {
+    "board_config": "board_config",
+    "board_stamp_reset": "board_stamp_reset",
+    "board_init_result": "board_init_result",
+    "board_app": "board_app",
+    "stack_top": "_stack_top",
+    "stack_limit": "_stack_limit",
+}
+"""Fields of image_t, and the symbols in the ELF."""
+SIZED = {"board_config", "board_app"}
+MACHINES = {"EM_ARM": "stm32", "EM_RISCV": "gap8"}
+MCUS = {"stm32": lib.MCU_STM32, "gap8": lib.MCU_GAP8}
+
+
+@dataclass(frozen=True)
+class Image:
+    """Loaded; `pointer` is an image_t *, which lives as long as this object."""
+
+    path: Path
+    mcu: str
+    """stm32 or gap8."""
+    pointer: Any
+    symbols: dict[str, tuple[int, int]]
+    """Address (without the Thumb bit) and size by name."""
+    keep: tuple[Any, ...]
+    """What `pointer` points to."""
+
+    def place(self, address: int) -> str:
+        """The function or variable that an address is in, `name+0x12`, or nothing."""
+        table = sorted((start, size, name) for name, (start, size) in self.symbols.items())
+        at = bisect.bisect_right(table, (address, 1 << 32, "")) - 1
+        if at < 0 or not address < table[at][0] + max(table[at][1], 1):
+            return ""
+        start, _, name = table[at]
+        return name if start == address else f"{name}+0x{address - start:x}"
+
+    def explain(self, report: str) -> str:
+        """The kernel's report of a failure with the names of its pc and lr."""
+        return re.sub(
+            r"\b(pc|lr)=(0x[0-9a-f]{8})",
+            lambda found: " ".join(filter(None, [found[0], _bracketed(self.place(int(found[2], 16) & ~1))])),
+            report,
+        )
+
+
+def _bracketed(name: str) -> str:
+    return f"({name})" if name else ""
+
+
+def load(path: str | Path) -> Image:
+    """An ELF file of `host firmware build`, or any that has the symbols of SYMBOLS. LocalError if it is none."""
+    try:
+        from elftools.common.exceptions import ELFError
+        from elftools.elf.elffile import ELFFile
+    except ImportError as error:
+        raise LocalError(
+            f"reading images needs pyelftools, which is not here ({error}): pip install 'spindeck[emulator]'"
+        ) from error
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            return _image(path, ELFFile(file))
+    except OSError as error:
+        raise LocalError(f"{path}: {error.strerror}") from error
+    except ELFError as error:
+        raise LocalError(f"{path} is no ELF file ({error}): give the .elf, not the .bin") from error
+
+
+def _image(path: Path, elf: Any) -> Image:
+    machine = elf["e_machine"]
+    if machine not in MACHINES or elf.elfclass != 32:
+        raise LocalError(f"{path} is for {machine}: images that can be run are those of {', '.join(MCUS)}")
+    table = elf.get_section_by_name(".symtab")
+    if table is None:
+        raise LocalError(f"{path} has no symbols: build it without -s, and do not strip it")
+    thumb = machine == "EM_ARM"
+    symbols = {
+        symbol.name: (
+            symbol["st_value"] & ~1 if thumb and kind == "STT_FUNC" else symbol["st_value"],
+            symbol["st_size"],
+        )
+        for symbol in table.iter_symbols()
+        if (kind := symbol["st_info"]["type"]) in {"STT_FUNC", "STT_OBJECT", "STT_NOTYPE"}
+        and symbol.name
+        and not symbol.name.startswith("$")
+    }
+    missing = [name for name in SYMBOLS.values() if name not in symbols]
+    if missing:
+        raise LocalError(f"{path} has no symbol {', '.join(missing)}: it was not built for this board")
+    segments = [
+        (segment["p_paddr"], bool(segment["p_flags"] & 1), segment.data())
+        for segment in elf.iter_segments()
+        if segment["p_type"] == "PT_LOAD" and segment["p_filesz"]
+    ]
+    buffers = [ffi.from_buffer("uint8_t[]", data) for _, _, data in segments]
+    array = ffi.new(
+        "image_segment_t[]",
+        [
+            {"address": address, "executable": executable, "bytes": {"data": buffer, "size": len(buffer)}}
+            for (address, executable, _), buffer in zip(segments, buffers, strict=True)
+        ],
+    )
+    mcu = MACHINES[machine]
+    pointer = ffi.new("image_t *")
+    pointer.mcu = MCUS[mcu]
+    pointer.segments = array
+    pointer.segment_count = len(segments)
+    pointer.entry = elf["e_entry"] & ~1 if thumb else elf["e_entry"]
+    for field, name in SYMBOLS.items():
+        address, size = symbols[name]
+        setattr(pointer, field, address)
+        if field in SIZED:
+            setattr(pointer, f"{field}_bytes", size)
+    return Image(path, mcu, pointer, symbols, (array, *buffers))
