@@ -18,7 +18,19 @@ venv/bin/host stream --port "sim://hover?pace=max" --count 5 --json | tail -1
 venv/bin/python - <<'PY'
 from importlib.resources import files
 
-for package, name in [("firmware.core", "cpx.h"), ("firmware.gap8", "app.c"), ("sim.scenarios", "hover.toml"), ("sim.kernel", "kernel.h")]:
+for package, name in [
+    ("firmware.core", "cpx.h"), ("firmware.gap8", "app.c"), ("firmware.board", "string.h"), ("firmware.gap8.board", "startup.S"),
+    ("firmware.stm32.board", "stm32f405.ld"), ("sim.scenarios", "hover.toml"), ("sim.kernel", "kernel.h"),
+]:
     assert files(package).joinpath(name).is_file(), f"{package}/{name} is not in the wheel"
 PY
+# Firmware too comes out of the wheel, the same as out of the checkout.
+if command -v arm-none-eabi-gcc >/dev/null; then
+    venv/bin/pip install --quiet --disable-pip-version-check pyelftools
+    XDG_CACHE_HOME="$work/cache" venv/bin/host firmware build --target stm32 --toolchain gcc --output installed --json >/dev/null
+    (cd "$OLDPWD" && "$python" -m host firmware build --target stm32 --toolchain gcc --output "$work/checkout" --json >/dev/null)
+    cmp installed/stm32.elf checkout/stm32.elf
+else
+    echo "wheel: no arm-none-eabi-gcc (apt-get install gcc-arm-none-eabi): no image is built from it"
+fi
 echo "wheel: five frames from an empty environment"
