@@ -1,5 +1,6 @@
 """Images of all targets from all compilers: they link, are reproducible, and hold what they have to."""
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -114,3 +115,16 @@ def test_a_change_of_a_source_is_another_build(tmp_path: Path, monkeypatch: pyte
     header = changed / "core" / "stamp.h"
     header.write_bytes(header.read_bytes() + b"\n")
     assert key(target, compiler, (), sources_of(target)) != before
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_the_readme_says_how_large_they_are(target: str) -> None:
+    """In KiB, to within a twentieth: a compiler of another version makes them a little different."""
+    needs(target, "gcc")
+    readme = (Path(building.__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    row = re.search(rf"^\| {target} \| (\d+) KiB \| (\d+) KiB", readme, re.MULTILINE)
+    assert row, f"no row of the {target} in the README's table"
+    contents = read(build(target, "gcc").elf)
+    ram = sum(part.bytes for part in contents.sections if part.name in (".stack", ".bss"))
+    for said, measured in zip(row.groups(), (contents.load_bytes, ram), strict=True):
+        assert abs(int(said) - measured / 1024) < max(0.6, measured / 1024 / 20), f"{said} KiB, measured {measured}"
