@@ -6,11 +6,12 @@
 
 #include <immintrin.h>
 
-enum { LANE = 16, LANES = 4, STEP = LANE * LANES };
+enum { LANE = 16, STEP = 4 * LANE, WIDE = 256 };
 
 // What a carry-less product with these does is to move 64 bits forward over some bytes of message: the
 // numbers are x^n modulo the polynomial, bits reversed (Gopal et al., "Fast CRC Computation for Generic
 // Polynomials Using PCLMULQDQ Instruction", Intel 2009). tests/usd/test_crc32.py compares each way with zlib.
+#define OVER_256 0x1322D1430, 0x11542778A
 #define OVER_64 0x1C6E41596, 0x154442BD4
 #define OVER_16 0x0CCAA009E, 0x1751997D0
 #define OVER_8 0x163CD6124
@@ -27,16 +28,53 @@ __attribute__((target("pclmul,sse4.1"))) static inline __m128i fold(__m128i lane
     return _mm_xor_si128(_mm_xor_si128(low, high), next);
 }
 
+/// Folds steps of WIDE bytes into STEP bytes of state. Returns how many bytes it has taken, of at least WIDE.
+__attribute__((target("vpclmulqdq,avx2"))) static size_t fold_wide(uint32_t crc, const uint8_t *at,
+                                                                   size_t size, uint8_t state[STEP]) {
+    enum { VECTOR = 32, VECTORS = WIDE / VECTOR };
+    const __m256i over = _mm256_broadcastsi128_si256(_mm_set_epi64x(OVER_256));
+    __m256i lanes[VECTORS];
+    for (int i = 0; i < VECTORS; i++) {
+        lanes[i] = _mm256_loadu_si256((const __m256i *)(const void *)(at + i * VECTOR));
+    }
+    lanes[0] = _mm256_xor_si256(lanes[0], _mm256_set_epi32(0, 0, 0, 0, 0, 0, 0, (int)crc));
+    size_t taken = WIDE;
+    for (; size - taken >= WIDE; taken += WIDE) {
+        for (int i = 0; i < VECTORS; i++) {
+            const __m256i next = _mm256_loadu_si256((const __m256i *)(const void *)(at + taken) + i);
+            const __m256i low = _mm256_clmulepi64_epi128(lanes[i], over, 0x00);
+            const __m256i high = _mm256_clmulepi64_epi128(lanes[i], over, 0x11);
+            lanes[i] = _mm256_xor_si256(_mm256_xor_si256(low, high), next);
+        }
+    }
+    const __m256i over_step = _mm256_broadcastsi128_si256(_mm_set_epi64x(OVER_64));
+    for (int i = 2; i < VECTORS; i++) {
+        const __m256i low = _mm256_clmulepi64_epi128(lanes[i - 2], over_step, 0x00);
+        const __m256i high = _mm256_clmulepi64_epi128(lanes[i - 2], over_step, 0x11);
+        lanes[i] = _mm256_xor_si256(lanes[i], _mm256_xor_si256(low, high));
+    }
+    memcpy(state, &lanes[VECTORS - 2], STEP);
+    return taken;
+}
+
 /// `crc` is inverted; `size` is a multiple of LANE and at least STEP.
 __attribute__((target("pclmul,sse4.1"))) static uint32_t carry_less(uint32_t crc, const uint8_t *at,
-                                                                    size_t size) {
+                                                                    size_t size, bool wide) {
     const uint8_t *const end = at + size;
-    __m128i a = _mm_xor_si128(load(at), _mm_cvtsi32_si128((int)crc));
-    __m128i b = load(at + LANE);
-    __m128i c = load(at + 2 * LANE);
-    __m128i d = load(at + 3 * LANE);
+    uint8_t state[STEP];
+    if (wide && size >= WIDE) {
+        at += fold_wide(crc, at, size, state);
+    } else {
+        memcpy(state, at, STEP);
+        store32_le(state, load32_le(state) ^ crc);
+        at += STEP;
+    }
+    __m128i a = load(state);
+    __m128i b = load(state + LANE);
+    __m128i c = load(state + 2 * LANE);
+    __m128i d = load(state + 3 * LANE);
     __m128i over = _mm_set_epi64x(OVER_64);
-    for (at += STEP; end - at >= STEP; at += STEP) {
+    for (; end - at >= STEP; at += STEP) {
         a = fold(a, over, load(at));
         b = fold(b, over, load(at + LANE));
         c = fold(c, over, load(at + 2 * LANE));
@@ -57,19 +95,30 @@ __attribute__((target("pclmul,sse4.1"))) static uint32_t carry_less(uint32_t crc
     return (uint32_t)_mm_extract_epi32(_mm_xor_si128(a, b), 1);
 }
 
+static bool has_carry_less(void) {
+    return __builtin_cpu_supports("pclmul") && __builtin_cpu_supports("sse4.1");
+}
+
+static bool has_wide(void) {
+    return __builtin_cpu_supports("vpclmulqdq") && __builtin_cpu_supports("avx2");
+}
+
 static bool by_processor(uint8_t way, uint32_t crc, bytes_t in, uint32_t *out) {
-    if (way != CRC32_CARRY_LESS || !__builtin_cpu_supports("pclmul") || !__builtin_cpu_supports("sse4.1")) {
+    const bool wide = way == CRC32_CARRY_LESS_WIDE;
+    if ((way != CRC32_CARRY_LESS && !wide) || !has_carry_less() || (wide && !has_wide())) {
         return false;
     }
     const size_t whole = in.size < STEP ? 0 : in.size - in.size % LANE;
     if (whole > 0) {
-        crc = ~carry_less(~crc, in.data, whole);
+        crc = ~carry_less(~crc, in.data, whole, wide);
     }
     *out = crc32_zlib(crc, (bytes_t){in.data + whole, in.size - whole});
     return true;
 }
 
-enum { BEST_WAY = CRC32_CARRY_LESS };
+static uint8_t best_way(void) {
+    return has_wide() ? CRC32_CARRY_LESS_WIDE : CRC32_CARRY_LESS;
+}
 
 #elif defined(__GNUC__) && defined(__aarch64__) && defined(__LITTLE_ENDIAN__)
 
@@ -116,7 +165,9 @@ static bool by_processor(uint8_t way, uint32_t crc, bytes_t in, uint32_t *out) {
     return true;
 }
 
-enum { BEST_WAY = CRC32_INSTRUCTIONS };
+static uint8_t best_way(void) {
+    return CRC32_INSTRUCTIONS;
+}
 
 #else
 
@@ -128,7 +179,9 @@ static bool by_processor(uint8_t way, uint32_t crc, bytes_t in, uint32_t *out) {
     return false;
 }
 
-enum { BEST_WAY = CRC32_TABLES };
+static uint8_t best_way(void) {
+    return CRC32_TABLES;
+}
 
 #endif
 
@@ -142,7 +195,7 @@ bool crc32_by(uint8_t way, uint32_t crc, bytes_t in, uint32_t *out) {
 
 uint32_t crc32_host(uint32_t crc, bytes_t in) {
     uint32_t out = 0;
-    if (!crc32_by(BEST_WAY, crc, in, &out)) {
+    if (!crc32_by(best_way(), crc, in, &out)) {
         out = crc32_zlib(crc, in);
     }
     return out;

@@ -27,14 +27,6 @@ static inline bool believable(const usd_layout_t *layout, const uint8_t *row, ui
     return stamp < stamp_max(layout) && (stamp != 0 || load16_le(row) != 0);
 }
 
-static bool add_mark(usd_walk_t *walk, uint8_t kind, uint64_t stamp) {
-    if (walk->marks_count >= walk->marks_max) {
-        return false;
-    }
-    walk->marks[walk->marks_count++] = (usd_mark_t){walk->at, walk->last, stamp, kind};
-    return true;
-}
-
 static void check(bytes_t in, usd_walk_t *walk) {
     if (walk->check) {
         walk->crc = crc32_host(walk->crc, (bytes_t){in.data + walk->checked, walk->at - walk->checked});
@@ -45,53 +37,69 @@ static void check(bytes_t in, usd_walk_t *walk) {
 static uint8_t pass(const usd_layout_t *layout, bytes_t in, bool strict, usd_walk_t *walk) {
     const size_t head = USD_ID_BYTES + layout->stamp_bytes;
     // Most rows are of the type of the row before. To compare with that one lets the processor go on without
-    // waiting for the table.
+    // waiting for the table; so does keeping `at` and `last` out of memory.
     uint16_t id = 0;
     uint8_t type = NO_TYPE;
     uint32_t size = 0;
-    while (walk->at < in.size) {
-        const uint8_t *row = in.data + walk->at;
-        const uint64_t left = in.size - walk->at;
+    uint64_t at = walk->at;
+    uint64_t last = walk->last;
+    uint8_t why = USD_END;
+    while (at < in.size) {
+        const uint8_t *row = in.data + at;
+        const uint64_t left = in.size - at;
         if (left < head) {
-            return USD_CUT;
+            why = USD_CUT;
+            break;
         }
         if (type == NO_TYPE || load16_le(row) != id) {
             id = load16_le(row);
             type = type_at(layout, row);
             if (type == NO_TYPE) {
-                return USD_UNKNOWN;
+                why = USD_UNKNOWN;
+                break;
             }
             size = layout->row_bytes[type];
         }
         const uint64_t stamp = stamp_at(layout, row);
         if (strict && (!believable(layout, row, stamp) ||
-                       (walk->has_last && !follows(layout, stamp, walk->last, layout->ahead)))) {
-            return USD_TIME;
+                       (walk->has_last && !follows(layout, stamp, last, layout->ahead)))) {
+            why = USD_TIME;
+            break;
         }
         if (left < size) {
-            return USD_CUT;
+            why = USD_CUT;
+            break;
         }
-        const bool back = walk->has_last && stamp < walk->last;
-        const bool far_back = back && walk->last - stamp > layout->back;
-        if (far_back && !add_mark(walk, USD_BACK, stamp)) {
-            return USD_MARKS;
-        }
-        if (type == layout->status && !add_mark(walk, USD_STATUS, stamp)) {
-            walk->marks_count -= far_back;
-            return USD_MARKS;
+        const bool back = walk->has_last && stamp < last;
+        const bool far_back = back && last - stamp > layout->back;
+        const bool status = type == layout->status;
+        if (far_back || status) {
+            if (walk->marks_max - walk->marks_count < (uint32_t)far_back + status) {
+                why = USD_MARKS;
+                break;
+            }
+            if (far_back) {
+                walk->marks[walk->marks_count++] = (usd_mark_t){at, last, stamp, USD_BACK};
+            }
+            if (status) {
+                walk->marks[walk->marks_count++] = (usd_mark_t){at, last, stamp, USD_STATUS};
+            }
         }
         if (!back || far_back) {
-            walk->last = stamp;
+            last = stamp;
         }
         walk->has_last = true;
         walk->rows[type]++;
-        walk->row = walk->at;
-        walk->at += size;
-        if (walk->check && walk->at - walk->checked >= USD_CHECK_BYTES) {
+        walk->row = at;
+        at += size;
+        if (walk->check && at - walk->checked >= USD_CHECK_BYTES) {
+            walk->at = at;
             check(in, walk);
         }
     }
-    return USD_END;
+    walk->at = at;
+    walk->last = last;
+    return why;
 }
 
 uint8_t usd_walk(const usd_layout_t *layout, bytes_t in, bool strict, usd_walk_t *walk) {

@@ -50,8 +50,8 @@ typedef struct {
     uint8_t kind; ///< USD_STATUS, or USD_BACK: it lies more than `back` behind `before`
 } usd_mark_t;
 
-/// A walk under way. The caller sets `at`, `marks`, `marks_max`, `has_last`, `last` and `check`; the rest is
-/// 0.
+/// A walk under way, with room for two marks at least. The caller sets `at`, `marks`, `marks_max`,
+/// `has_last`, `last` and `check`; the rest is 0.
 typedef struct {
     uint64_t at;   ///< the next row
     uint64_t row;  ///< the one before it, if any was passed

@@ -54,7 +54,7 @@ def whole(reader: RowReader) -> Recovered | None:
     walk = reader.walk(begin, end, None, strict=False, check=True)
     if walk.why != lib.USD_END or walk.crc != int.from_bytes(data[end:], "little"):
         return None
-    sessions = reader.sessions(walk.statuses)
+    sessions = set(reader.status_fields(walk.statuses, ("session",))[0])
     if len(sessions) > 1:
         return None  # A CRC over parts that end with their own does not depend on what is in them.
     pieces = [Piece(part, True, epoch) for epoch, part in enumerate(reader.parts(walk))] if end > begin else []

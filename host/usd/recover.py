@@ -2,54 +2,28 @@
 
 Rows are walked with suspicion: known ids, times that go on. Where that ends, the next place is searched at which some
 rows follow each other again. Status rows then say which bytes are as they were written, and whose: those between two of
-them are verified when the second one's CRC is good and it bears this log's session. Stale data of an older log may lie
-in a file, row by row as good as this log's own; its session betrays it, or, without one, times that do not go on behind
-a damage. It is not returned.
+them are verified when the second one's CRC is good and it bears this log's session. What is stale is not returned.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
 from ..native import lib
-from .header import BACK_US, Header
+from .header import BACK_US
 from .log import ByteRange, Damage
-from .rows import CRC_BYTES, Piece, RowReader, Walk, crc32, filling
+from .rows import CRC_BYTES, Piece, RowReader, Walk, filling
+from .statuses import Run, find_stale, header_doubt, own_session, read_statuses, sessions
 
 LONG_HOLE_US = 3_600_000_000
 """A last row further ahead than this has a damaged time."""
+JUST_RESET_US = 10_000_000
+"""So has one that goes back, and not to about zero as a reset does."""
 SLACK_US, SLACK = 5_000_000, 4
 """Rows behind damage come as much later as the bytes in between take, times this, plus this."""
-JUST_RESET_US = 10_000_000
-"""So has one that is further back than a reset of the clock leads."""
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """Rows without a break, and what separates them from the rows before."""
-
-    walk: Walk
-    after: Literal["start", "damage", "time"]
-    """`time`: the bytes go on, the times do not."""
-    likely: bool
-    """Of this log: its times go on, or nothing but a jump of time separates it from a likely run."""
-
-
-@dataclass(frozen=True, slots=True)
-class Status:
-    """A status row, and whether its CRC is good."""
-
-    offset: int
-    end: int
-    run: int
-    session: int
-    begin: int
-    """Of the bytes that its CRC covers."""
-    good: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +40,7 @@ def recover(reader: RowReader) -> Recovered:
     runs, damages = find_runs(reader)
     leading = next((number for number, run in enumerate(runs) if run.after == "damage"), len(runs))
     crc, closed_at = closed(reader, runs[:leading], runs)
-    sessions = reader.sessions(tuple(at for run in runs[:leading] for at in run.walk.statuses))
-    if closed_at is not None and len(sessions) > 1:
+    if closed_at is not None and len(sessions(reader, runs[:leading])) > 1:
         why = "the file's CRC: it matches, but status rows of two logs are in the file, and then it proves nothing"
         damages = [replace(each, why=why) if each.offset == closed_at else each for each in damages]
         crc, closed_at = "bad", None
@@ -207,7 +180,7 @@ def closed(
     """The file's own CRC may lie where the rows end for the first time, with something else behind it."""
     data = reader.data
     end = leading[-1].walk.end if leading else reader.header.size
-    if end + CRC_BYTES <= len(data) and crc32(data, 0, end) == int.from_bytes(data[end : end + CRC_BYTES], "little"):
+    if end + CRC_BYTES <= len(data) and reader.crc32(0, end) == int.from_bytes(data[end : end + CRC_BYTES], "little"):
         return "good", end
     last = runs[-1].walk.end if runs else reader.header.size
     return ("bad" if last + CRC_BYTES == len(data) else "absent"), None
@@ -216,63 +189,6 @@ def closed(
 def tail(data: memoryview, begin: int) -> list[Damage]:
     why = filling(data[begin:]) or "not of this log, which is complete: it ends before"
     return [Damage(begin, len(data) - begin, f"behind the log's end: {why}")] if begin < len(data) else []
-
-
-def read_statuses(reader: RowReader, runs: list[Run]) -> list[Status]:
-    """In the order of the file. Each one's CRC covers what lies between the one before and its own."""
-    found: list[Status] = []
-    begin = 0
-    for number, run in enumerate(runs):
-        for offset in run.walk.statuses:
-            end = offset + reader.row_bytes_at(offset)
-            session, crc = (int.from_bytes(reader.data[at : at + 4], "little") for at in (end - 8, end - 4))
-            good = crc32(reader.data, begin, end - CRC_BYTES) == crc
-            found.append(Status(offset, end, number, session, begin, good))
-            begin = end
-    return found
-
-
-def own_session(statuses: list[Status]) -> int | None:
-    """The first row of a log is a status row. If that one is damaged: what most of the good ones say."""
-    if not statuses:
-        return None
-    if statuses[0].good:
-        return statuses[0].session
-    good = Counter(each.session for each in statuses if each.good) or Counter(each.session for each in statuses)
-    return good.most_common(1)[0][0]
-
-
-def header_doubt(first: Status, header: Header) -> Damage:
-    why = "the header's CRC (in the first status row) is bad: nothing is verified, names and sizes may be wrong"
-    return Damage(0, min(first.end, header.size), why)
-
-
-def find_stale(reader: RowReader, runs: list[Run], statuses: list[Status], session: int | None) -> list[Damage]:
-    """Bytes of an older log."""
-    found: list[Damage] = []
-    size = len(reader.data)
-    own = [each for each in statuses if each.session == session]
-    for each in statuses:
-        if each.session == session or (found and covers(found[-1], each.offset)):
-            continue
-        before = max((status.run for status in own if status.offset < each.offset), default=-1)
-        behind = min((status for status in own if status.offset > each.offset), key=lambda s: s.offset, default=None)
-        if behind is not None and behind.run == each.run:
-            continue  # One of this log's, with a damaged session.
-        begin = runs[each.run].walk.begin if each.run > before else each.offset
-        end = size if behind is None else runs[behind.run].walk.begin
-        found.append(Damage(begin, end - begin, f"stale: of an older log (session {each.session:08x})"))
-    vouched = {each.run for each in own}
-    for number, run in enumerate(runs):
-        begin, end = run.walk.begin, run.walk.end
-        if not run.likely and number not in vouched and not any(covers(each, begin) for each in found):
-            why = "rows whose times do not go on: of an older log, or the clock was reset in the damage before"
-            found.append(Damage(begin, end - begin, why))
-    return found
-
-
-def covers(damage: Damage, at: int) -> bool:
-    return damage.offset <= at < damage.offset + damage.size
 
 
 def merged(ranges: list[ByteRange]) -> list[ByteRange]:

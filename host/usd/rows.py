@@ -10,12 +10,12 @@ import numpy as np
 
 from ..native import ffi, lib
 from .header import Header
-from .log import Epoch, EventType, Rows
+from .log import STATUS_VARIABLES, Epoch, EventType, Rows
 
 MARKS_MAX = 4096
 CRC_BYTES = 4
-SESSION_BEFORE_END = 8
-"""Of a status row: the last but one of its variables, u32 each."""
+U32_BYTES = 4
+STAMP_BYTES = {1: 4, 2: 8}
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,13 +144,21 @@ class RowReader:
         """A single time that went back, and not the clock: the rows behind it go on from where it was."""
         return self.follows(mark.offset + self.row_bytes_at(mark.offset), mark.before)
 
-    def sessions(self, statuses: tuple[int, ...]) -> set[int]:
-        """Of status rows at these places."""
-        if self.header.status is None or not statuses:
-            return set()
-        after = lib.USD_ID_BYTES + self.header.types[self.header.status].row_bytes - SESSION_BEFORE_END
-        places = np.array(statuses, np.int64)[:, None] + np.arange(after, after + 4)
-        return set(np.frombuffer(self.data, np.uint8)[places].view("<u4").ravel().tolist())
+    def crc32(self, begin: int, end: int) -> int:
+        return int(lib.crc32_host(0, (self._bytes + begin, end - begin)))
+
+    @property
+    def status_bytes(self) -> int:
+        """Of a status row."""
+        return int(lib.USD_ID_BYTES) + STAMP_BYTES[self.header.version] + U32_BYTES * len(STATUS_VARIABLES)
+
+    def status_fields(self, statuses: tuple[int, ...], names: tuple[str, ...]) -> list[list[int]]:
+        """These variables of the status rows at these places."""
+        first = self.status_bytes - U32_BYTES * len(STATUS_VARIABLES)
+        bytes_ = np.frombuffer(self.data, np.uint8)
+        starts = np.array(statuses, np.int64)[:, None] + first
+        offsets = [U32_BYTES * STATUS_VARIABLES.index(name) + np.arange(U32_BYTES) for name in names]
+        return [bytes_[starts + each].view("<u4").ravel().tolist() for each in offsets]
 
     def places(self, number: int, walk: Walk) -> tuple[int, ...]:
         """Where the rows of that type begin, among rows that were walked before."""
