@@ -25,6 +25,8 @@ enum {
     WFI_WIDE = 0xF3AF,
     WFI_WIDE_SECOND = 0x8003,
     WFI_BYTES = 2,
+    CPSIE = 0xB662, ///< i
+    CPSIE_BYTES = 2,
     RETURN_PAGE_BYTES = 4096,
 };
 static const uint32_t EXC_RETURN = 0xFFFFFFE1U;
@@ -39,12 +41,11 @@ _Alignas(RETURN_PAGE_BYTES) static const uint16_t RETURN_PAGE[RETURN_PAGE_BYTES 
     [0 ... RETURN_PAGE_BYTES / 2 - 1] = WFI};
 
 /// Registers that go into a frame, and those that decide how; in this order.
-enum { R0, R1, R2, R3, R12, LR, XPSR, SP, CONTROL, PRIMASK, BASEPRI, FAULTMASK, MSP, PSP, REGISTERS };
+enum { R0, R1, R2, R3, R12, LR, XPSR, CONTROL, SP, FAULTMASK, PRIMASK, BASEPRI, REGISTERS };
 static const unicorn_reg_t READ[REGISTERS] = {
-    UNICORN_REG_ARM_R0,      UNICORN_REG_ARM_R1,      UNICORN_REG_ARM_R2,      UNICORN_REG_ARM_R3,
-    UNICORN_REG_ARM_R12,     UNICORN_REG_ARM_LR,      UNICORN_REG_ARM_XPSR,    UNICORN_REG_ARM_SP,
-    UNICORN_REG_ARM_CONTROL, UNICORN_REG_ARM_PRIMASK, UNICORN_REG_ARM_BASEPRI, UNICORN_REG_ARM_FAULTMASK,
-    UNICORN_REG_ARM_MSP,     UNICORN_REG_ARM_PSP,
+    UNICORN_REG_ARM_R0,  UNICORN_REG_ARM_R1,        UNICORN_REG_ARM_R2,      UNICORN_REG_ARM_R3,
+    UNICORN_REG_ARM_R12, UNICORN_REG_ARM_LR,        UNICORN_REG_ARM_XPSR,    UNICORN_REG_ARM_CONTROL,
+    UNICORN_REG_ARM_SP,  UNICORN_REG_ARM_FAULTMASK, UNICORN_REG_ARM_PRIMASK, UNICORN_REG_ARM_BASEPRI,
 };
 
 static cortex_m_t *cpu_of(emulator_t *e) {
@@ -147,14 +148,17 @@ static void push_frame(emulator_t *e, const uint32_t *values, uint32_t return_va
     write_some(e, (setting_t[]){{UNICORN_REG_ARM_SP, sp}, {UNICORN_REG_ARM_LR, return_value}}, 2);
 }
 
-static void go_to_handler(emulator_t *e, uint32_t xpsr, int exception) {
+// The flags are not defined at the start of a handler.
+static void go_to_handler(emulator_t *e, bool control_is_clear) {
     cortex_m_t *cpu = cpu_of(e);
+    int exception = cpu->nvic.next;
     nvic_begin(&cpu->nvic, exception);
+    cpu->running[cpu->depth++] = (uint8_t)exception;
     cpu->pc = vector(e, exception);
-    // CONTROL first: a handler cannot choose the stack.
-    uint32_t handler_xpsr = (xpsr & ~(uint32_t)(XPSR_EXCEPTION | XPSR_IT)) | (uint32_t)exception;
-    write_some(e, (setting_t[]){{UNICORN_REG_ARM_CONTROL, 0}, {UNICORN_REG_ARM_XPSR_NZCVQG, handler_xpsr}},
-               2);
+    if (!control_is_clear) { // before the other: a handler cannot choose the stack
+        write(e, UNICORN_REG_ARM_CONTROL, 0);
+    }
+    write(e, UNICORN_REG_ARM_XPSR_NZCVQG, XPSR_THUMB | (uint32_t)exception);
 }
 
 typedef enum { NOTHING, TAKEN, HELD_BY_PRIMASK, HELD } outcome_t;
@@ -178,7 +182,7 @@ static outcome_t take(emulator_t *e) {
         return NOTHING;
     }
     uint32_t values[REGISTERS];
-    read_some(e, values, R0, FAULTMASK + 1);
+    read_some(e, values, R0, REGISTERS);
     outcome_t outcome = allowed(&cpu->nvic, values);
     if (outcome != TAKEN) {
         return outcome;
@@ -187,20 +191,20 @@ static outcome_t take(emulator_t *e) {
         emulator_fail(e, "code runs unprivileged, which is not modelled");
     }
     uint32_t return_value = EXC_RETURN | ((values[CONTROL] & CONTROL_FPU) != 0 ? 0U : RETURN_NO_FPU);
-    if ((values[XPSR] & XPSR_EXCEPTION) == 0) {
+    if (cpu->depth == 0) {
         return_value |= RETURN_THREAD | ((values[CONTROL] & CONTROL_PSP) != 0 ? RETURN_PSP : 0U);
     }
     push_frame(e, values, return_value);
     if (!emulator_failed(e)) {
-        go_to_handler(e, values[XPSR], cpu->nvic.next);
+        go_to_handler(e, values[CONTROL] == 0);
     }
     return TAKEN;
 }
 
-static void pop_frame(emulator_t *e, const uint32_t *values, uint32_t return_value) {
+static void pop_frame(emulator_t *e, uint32_t msp, uint32_t return_value) {
     bool fpu = (return_value & RETURN_NO_FPU) == 0;
     bool psp = (return_value & RETURN_PSP) != 0;
-    uint32_t sp = values[psp ? PSP : MSP];
+    uint32_t sp = psp ? read(e, UNICORN_REG_ARM_PSP) : msp;
     uint32_t bytes = fpu ? FRAME_FPU_BYTES : FRAME_BYTES;
     const uint8_t *frame = emulator_at(e, sp, bytes);
     if (frame == NULL) {
@@ -210,7 +214,7 @@ static void pop_frame(emulator_t *e, const uint32_t *values, uint32_t return_val
     uint32_t xpsr = load32_le(frame + 28);
     bool thread = (return_value & RETURN_THREAD) != 0;
     if ((xpsr & XPSR_THUMB) == 0 || thread != ((xpsr & XPSR_EXCEPTION) == 0) ||
-        thread == nvic_any_active(&cpu_of(e)->nvic)) {
+        thread != (cpu_of(e)->depth == 0)) {
         emulator_fail(e, "an exception returns with 0x%08x to a frame at 0x%08x whose xPSR is 0x%08x",
                       return_value, sp, xpsr);
         return;
@@ -247,18 +251,18 @@ static void leave(emulator_t *e) {
         emulator_fail(e, "a handler returns to 0x%08x", return_value);
         return;
     }
+    nvic_end(&cpu->nvic, cpu->running[--cpu->depth]);
     uint32_t values[REGISTERS];
-    read_some(e, values, XPSR, REGISTERS - XPSR);
-    nvic_end(&cpu->nvic, (int)(values[XPSR] & XPSR_EXCEPTION));
+    read_some(e, values, SP, cpu->nvic.next == 0 ? 2 : REGISTERS - SP);
     if ((values[FAULTMASK] & 1) != 0) {
         write(e, UNICORN_REG_ARM_FAULTMASK, 0);
         values[FAULTMASK] = 0;
     }
     if (cpu->nvic.next != 0 && allowed(&cpu->nvic, values) == TAKEN) {
         write(e, UNICORN_REG_ARM_LR, return_value);
-        go_to_handler(e, values[XPSR], cpu->nvic.next);
+        go_to_handler(e, false);
     } else {
-        pop_frame(e, values, return_value);
+        pop_frame(e, values[SP], return_value);
     }
 }
 
@@ -291,7 +295,7 @@ static void on_block(unicorn_t *engine, uint64_t address, uint32_t size, void *u
         return;
     }
     uint32_t values[REGISTERS];
-    read_some(e, values, PRIMASK, 3);
+    read_some(e, values, FAULTMASK, 3);
     if (allowed(&cpu->nvic, values) == TAKEN) {
         cpu->stop = STOPPED_TO_INTERRUPT;
         e->api->stop(engine);
@@ -363,7 +367,7 @@ static void go(emulator_t *e) {
         cpu->pc -= WFI_BYTES;
         cpu->interrupt = INTERRUPT_RETURN;
     }
-    if (cpu->interrupt == INTERRUPT_RETURN && nvic_any_active(&cpu->nvic)) {
+    if (cpu->interrupt == INTERRUPT_RETURN && cpu->depth != 0) {
         leave(e);
     } else if (cpu->interrupt == INTERRUPT_RETURN) {
         emulator_fail(e, "jump to 0x%08x, where no code is", cpu->pc);
@@ -379,6 +383,19 @@ static void go(emulator_t *e) {
     }
 }
 
+/// Code that sleeps masked lets interrupts in as soon as it wakes: mostly by the next instruction, for which
+/// it need not be started.
+static bool let_in(emulator_t *e) {
+    cortex_m_t *cpu = cpu_of(e);
+    const uint8_t *at = emulator_at(e, cpu->pc, CPSIE_BYTES);
+    if (at == NULL || load16_le(at) != CPSIE) {
+        return false;
+    }
+    cpu->pc += CPSIE_BYTES;
+    write(e, UNICORN_REG_ARM_PRIMASK, 0);
+    return true;
+}
+
 static void run(emulator_t *e, bool thread) {
     cortex_m_t *cpu = cpu_of(e);
     while (!emulator_failed(e)) {
@@ -389,8 +406,10 @@ static void run(emulator_t *e, bool thread) {
                 return;
             }
             cpu->asleep = false;
-        } else if (!thread && outcome != TAKEN && outcome != HELD_BY_PRIMASK &&
-                   !nvic_any_active(&cpu->nvic)) {
+            if (outcome == HELD_BY_PRIMASK && let_in(e)) {
+                continue;
+            }
+        } else if (!thread && outcome != TAKEN && outcome != HELD_BY_PRIMASK && cpu->depth == 0) {
             return;
         }
         if (!emulator_failed(e)) {
@@ -405,6 +424,9 @@ static bool open(emulator_t *e) {
     int error = api->open(api->arch_arm, api->mode_arm, &e->engine);
     if (error == 0) {
         error = api->control(e->engine, api->control_cpu, api->cpu_arm);
+    }
+    if (error == 0) { // a Cortex-M has pages of 1024, of which Unicorn looks up many more
+        error = api->control(e->engine, api->control_page, RETURN_PAGE_BYTES);
     }
     const struct {
         int type;
@@ -434,6 +456,13 @@ static void reset(emulator_t *e) {
     write(e, UNICORN_REG_ARM_LR, UINT32_MAX);
 }
 
+// To know the PC, Unicorn 2.1.4 takes the state of the instruction at hand out of what it has noted of the
+// block; so the rest of the block runs with that instruction's bits of an IT block, which nobody clears at
+// its end.
+static void looked_up(emulator_t *e) {
+    write(e, UNICORN_REG_ARM_EPSR, XPSR_THUMB);
+}
+
 static void describe(emulator_t *e, char *out, size_t size) {
     const cortex_m_t *cpu = cpu_of(e);
     int used =
@@ -450,5 +479,6 @@ const cpu_t cortex_m = {
     .open = open,
     .reset = reset,
     .run = run,
+    .looked_up = looked_up,
     .describe = describe,
 };

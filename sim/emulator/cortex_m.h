@@ -56,7 +56,6 @@ int nvic_active_priority(const nvic_t *self);
 void nvic_pend(nvic_t *self, int exception);
 void nvic_begin(nvic_t *self, int exception);
 void nvic_end(nvic_t *self, int exception);
-bool nvic_any_active(const nvic_t *self);
 
 typedef enum {
     STOPPED_ASLEEP,
@@ -70,6 +69,8 @@ typedef struct {
     nvic_t nvic;
     uint32_t pc; ///< of the next instruction
     bool asleep;
+    int depth; ///< of handlers
+    uint8_t running[CORTEX_M_EXCEPTIONS];
     cortex_m_stop_t stop; ///< why the code has stopped
     int interrupt;        ///< Unicorn's number of what it could not do, STOPPED_OTHER
     int access;           ///< uc_mem_type of an access that failed

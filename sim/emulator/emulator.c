@@ -173,11 +173,13 @@ static bool holds_code(const emulator_t *e, uint32_t page) {
 // Where code may be executed, every store is looked at, in case that it changes code: so RAM without code is
 // four times as fast. What else is forbidden is told by map.
 static bool on_page(unicorn_t *engine, uint64_t address, int type, unicorn_page_t *page, void *user) {
-    const emulator_t *e = user;
+    emulator_t *e = user;
     const unicorn_api_t *api = e->api;
     uint32_t at = (uint32_t)address & ~(uint32_t)(PAGE_BYTES - 1);
     (void)engine;
-    (void)type;
+    if (type != api->access_fetch && e->machine->cpu->looked_up != NULL) {
+        e->machine->cpu->looked_up(e);
+    }
     page->address = address;
     bool code = emulator_ram_at(e, at, 1) == NULL || holds_code(e, at);
     page->rights = api->rights_read | api->rights_write | (code ? api->rights_execute : 0);

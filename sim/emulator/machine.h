@@ -28,6 +28,9 @@ typedef struct {
     void (*reset)(emulator_t *e);
     /// Runs every handler that can be taken, and if `thread` the main program until it sleeps.
     void (*run)(emulator_t *e, bool thread);
+    /// Data of another page have been looked up, in the middle of a block; NULL: there is nothing to be
+    /// mended.
+    void (*looked_up)(emulator_t *e);
     /// Writes "; pc=0x... ...".
     void (*describe)(emulator_t *e, char *out, size_t size);
 } cpu_t;

@@ -110,10 +110,6 @@ void nvic_end(nvic_t *self, int exception) {
     update(self);
 }
 
-bool nvic_any_active(const nvic_t *self) {
-    return (self->active[0] | self->active[1] | self->active[2] | self->active[3]) != 0;
-}
-
 void cortex_m_line(emulator_t *e, int irq, bool up) {
     nvic_t *nvic = nvic_of(e);
     int exception = CORTEX_M_FIRST_IRQ + irq;

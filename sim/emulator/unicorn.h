@@ -31,6 +31,7 @@ typedef enum {
     UNICORN_REG_ARM_PC,
     UNICORN_REG_ARM_XPSR,
     UNICORN_REG_ARM_XPSR_NZCVQG, ///< the same, to be written
+    UNICORN_REG_ARM_EPSR,
     UNICORN_REG_ARM_CONTROL,
     UNICORN_REG_ARM_MSP,
     UNICORN_REG_ARM_PSP,
@@ -78,15 +79,17 @@ typedef struct {
     int (*stop)(unicorn_t *engine);
     int arch_arm;
     int arch_riscv;
-    int mode_arm;    ///< Thumb, M profile
-    int mode_riscv;  ///< 32 bit
-    int control_cpu; ///< sets the CPU model
-    int cpu_arm;     ///< Cortex-M4
+    int mode_arm;     ///< Thumb, M profile
+    int mode_riscv;   ///< 32 bit
+    int control_cpu;  ///< sets the CPU model
+    int control_page; ///< sets the size of an Arm's pages
+    int cpu_arm;      ///< Cortex-M4
     int rights_read;
     int rights_write;
     int rights_execute;
     int control_tlb; ///< sets where pages are looked up: 1, in hook_page
-    int hook_page;
+    int hook_page;   ///< its callback's third argument is the access:
+    int access_fetch;
     int hook_interrupt;
     int hook_block;
     int error_instruction;   ///< what start returns for an undefined one

@@ -224,6 +224,41 @@ def test_an_interrupt_that_is_masked_ends_wfi_and_is_handled_when_it_is_let_in(t
     assert (mcu.word("handled"), mcu.word("woken"), mcu.word("order")) == (1, 1, 21)
 
 
+CONDITIONS = """
+/* Loads and stores in IT blocks, to pages that are looked up for the first time there, and again. */
+volatile uint32_t results[64];
+__attribute__((noinline)) static uint32_t one(uint32_t a, volatile uint32_t *from, volatile uint32_t *to) {
+    uint32_t sum = 0, got = 0;
+    __asm volatile("cmp %2, #1; itett eq; ldreq %1, [%3]; movne %0, #50; streq %2, [%4]; addeq %0, #1;"
+                   "b 1f; .balign 4; 1: add %0, #2; cmp %2, #2; itt ne; ldrne %1, [%3]; addne %0, #4;"
+                   "b 2f; 2: add %0, #8; b 3f; 3: add %0, #16"
+                   : "+r"(sum), "+r"(got) : "r"(a), "r"(from), "r"(to) : "cc", "memory");
+    return sum;
+}
+int main(void) {
+    clocks();
+    uint32_t n = 0;
+    for (int round = 0; round < 3; round++) {
+        for (uint32_t page = 0; page < 5; page++) {
+            volatile uint32_t *ram = (uint32_t *)(0x20004000 + page * 0x4000);
+            results[n++] = one(1, ram, ram + 1024);
+            results[n++] = one(2, ram, ram + 2048);
+            results[n++] = one(1, &R(page & 1 ? TIM2 + CNT : 0x40023810), page & 1 ? &R(TIM5 + CNT) : &R(0x40020014));
+            results[n++] = one(3, &R(0xE000E014), &R(USART3 + BRR));
+        }
+    }
+    for (;;) wfi();
+}
+"""
+
+
+def test_conditional_loads_and_stores_leave_nothing_behind(tmp_path: Path) -> None:
+    """Unicorn 2.1 leaves the state of an IT block when it looks up a page inside it."""
+    mcu = Mcu(build(tmp_path, CONDITIONS))
+    assert mcu.failed == ""
+    assert mcu.words("results", 60) == [1 + 2 + 4 + 8 + 16, 50 + 2 + 8 + 16, 31, 50 + 2 + 4 + 8 + 16] * 15
+
+
 def test_a_line_that_stays_up_calls_its_handler_again(tmp_path: Path) -> None:
     mcu = Mcu(
         build(
