@@ -9,6 +9,7 @@ VENV := .venv
 PY := $(VENV)/bin/python
 STAMP := $(VENV)/.ready
 C_FILES := $(wildcard firmware/*/*.[ch] firmware/*/board/*.[ch] sim/emulator/*.[ch] sim/kernel/*.[ch] host/native/*.[ch])
+TEST_C_FILES := $(wildcard tests/fuzz/*.c tests/referee/*.[ch] tests/referee/*/*.c)
 
 .PHONY: all stream test fast lint sanitize fuzz wheel bench format clean
 
@@ -40,7 +41,7 @@ lint: $(STAMP)
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
-	$(VENV)/bin/clang-format --dry-run --Werror $(filter-out host/native/_%,$(C_FILES)) $(wildcard tests/fuzz/*.c)
+	$(VENV)/bin/clang-format --dry-run --Werror $(filter-out host/native/_%,$(C_FILES)) $(TEST_C_FILES)
 
 # The Python tests once more, against C built with AddressSanitizer and UndefinedBehaviorSanitizer.
 sanitize: $(STAMP)
@@ -59,7 +60,7 @@ bench: $(STAMP)
 format: $(STAMP)
 	$(VENV)/bin/ruff check --fix .
 	$(VENV)/bin/ruff format .
-	$(VENV)/bin/clang-format -i $(filter-out host/native/_%,$(C_FILES)) $(wildcard tests/fuzz/*.c)
+	$(VENV)/bin/clang-format -i $(filter-out host/native/_%,$(C_FILES)) $(TEST_C_FILES)
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info host/native/_native.*
