@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from ..protocol.errors import LocalError
+from . import usd_config
 
 FILES = """\
 FILE is a log as it lies on the card: version 2 or 1, or the format of 2019. Damaged logs are read as far as anything in
@@ -62,6 +63,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         each.add_argument("-o", "--output", metavar="OUT", required=True, help="the new file")
         each.add_argument("--force", action="store_true", help="overwrite what is there")
     decode.add_argument("--verified-only", action="store_true", help="leave out rows that no good CRC covers")
+    usd_config.add_parser(verbs)
 
 
 def add_verb(
