@@ -74,7 +74,9 @@ def test_qemu_gives_what_the_simulator_gave(mcu: str, folder: Path) -> None:
     if found := difference(everything, within):
         again = next(url for url in CASES if difference(recorded(url)[mcu], within))
         name, _, keys = again.partition("?")
-        pytest.fail(f"{found}\npython {Path(__file__)} {mcu} {name} {SECONDS} {keys.replace('&', ' ')}")
+        pytest.fail(
+            f"{found}\npython tests/referee/{Path(__file__).name} {mcu} {name} {SECONDS} {keys.replace('&', ' ')}"
+        )
 
 
 def main(mcu: str, scenario: str, seconds: str, *keys: str) -> int:

@@ -42,8 +42,8 @@ TALK_S = 0.02
 STAMP_US = 10_000
 PLAIN_STAMPS = 12
 """Each comes twice as late as the one before."""
-BUSY_US = 1000
-"""The board is left alone for so long before and after a stamp is due: QEMU's code takes time, the simulator's none."""
+BUSY_US = 500
+"""No byte comes so shortly before or after a deadline of the app: QEMU's code takes time, the simulator's none."""
 BYTE_US = 20
 """And has so long for each byte that it gets, sends or skips."""
 PACKET_US = 500
@@ -92,15 +92,13 @@ def simulated(config: Any, wishes: list[tuple[int, int]], end_us: int) -> tuple[
         assert lib.kernel_trace(kernel, lib.TRACE_FULL) == 0
         at_us = done_us = 0
         for wish_us, byte in wishes:
-            at_us = max(at_us + BYTE_US, wish_us)
-            while (free_us := off_stamps(at_us)) < end_us:
-                assert lib.kernel_run(kernel, free_us * 1000, -1, 0) == 0
-                before_us, done_us = done_us, work_us(kernel)
-                at_us = free_us + done_us - before_us
-                if at_us == free_us:
-                    given.append((at_us, byte))
-                    assert lib.kernel_inject(kernel, 0, lib.WIRE_UART2_TO_STM32, bytes([byte]), 1) == 0
-                    break
+            at_us = quiet_us(kernel, max(at_us + BYTE_US, wish_us))
+            before_us, done_us = done_us, work_us(kernel)
+            at_us = quiet_us(kernel, at_us + done_us - before_us)
+            if at_us + BUSY_US > end_us:
+                break
+            given.append((at_us, byte))
+            assert lib.kernel_inject(kernel, 0, lib.WIRE_UART2_TO_STM32, bytes([byte]), 1) == 0
         assert lib.kernel_run(kernel, end_us * 1000, -1, 0) == 0
         count, size = ffi.new("size_t *"), ffi.new("size_t *")
         runs = ffi.unpack(lib.kernel_trace_runs(kernel, count), count[0])
@@ -122,10 +120,15 @@ def work_us(kernel: Any) -> int:
     return int(packets * PACKET_US + (sent + uart2.garbage_bytes) * BYTE_US)
 
 
-def off_stamps(at_us: int) -> int:
-    """The first uptime from then on at which no stamp is near."""
-    phase_us = (at_us + BUSY_US) % STAMP_US
-    return at_us + max(2 * BUSY_US - phase_us, 0)
+def quiet_us(kernel: Any, at_us: int) -> int:
+    """Lets time pass to the first uptime from then on that is far from what the STM32 does by itself."""
+    while (due_us := lib.stm32_deadline(lib.kernel_stm32(kernel, 0))) <= at_us + BUSY_US:
+        if due_us * 1000 <= lib.kernel_now_ns(kernel):
+            break
+        at_us = max(at_us, due_us + BUSY_US)
+        assert lib.kernel_run(kernel, due_us * 1000, -1, 0) == 0
+    assert lib.kernel_run(kernel, at_us * 1000, -1, 0) == 0
+    return at_us
 
 
 def difference(url: str, seconds: float, folder: Path) -> tuple[str | None, Streams]:
@@ -157,7 +160,7 @@ def test_qemu_sends_what_the_simulator_sends(url: str, folder: Path) -> None:
     found, expected = difference(url, SECONDS, within)
     if found:
         name, _, keys = url.partition("?")
-        pytest.fail(f"{found}\npython {Path(__file__)} {name} {SECONDS} {keys.replace('&', ' ')}")
+        pytest.fail(f"{found}\npython tests/referee/{Path(__file__).name} {name} {SECONDS} {keys.replace('&', ' ')}")
     assert len(expected.uart1) > 1000
 
 
