@@ -48,9 +48,9 @@ class Image:
         return name if start == address else f"{name}+0x{address - start:x}"
 
     def explain(self, report: str) -> str:
-        """The kernel's report of a failure with the names of its pc and lr."""
+        """The kernel's report of a failure with the names of the functions that it points into."""
         return re.sub(
-            r"\b(pc|lr)=(0x[0-9a-f]{8})",
+            r"\b(pc|lr|ra|thread)=(0x[0-9a-f]{8})",
             lambda found: " ".join(filter(None, [found[0], _bracketed(self.place(int(found[2], 16) & ~1))])),
             report,
         )

@@ -300,6 +300,12 @@ int64_t emulator_byte_ps(emulator_t *e, int port) {
     return e->machine->byte_ps(e, port);
 }
 
+void emulator_window(emulator_t *e, int64_t local_ns) {
+    if (enter(e, local_ns)) {
+        e->machine->window(e);
+    }
+}
+
 void emulator_reset_stamp(emulator_t *e, uint64_t to_us, int64_t local_ns) {
     if (enter(e, local_ns)) {
         store64_le(emulator_at(e, e->image->board_stamp_reset, 8), to_us);

@@ -68,6 +68,9 @@ void emulator_set_wire(emulator_t *self, int port, int64_t byte_ps);
 /// How long a byte takes on that port, from its baud register; 0 for a port that is no UART.
 int64_t emulator_byte_ps(emulator_t *self, int port);
 
+/// An SPI window begins for which this, its master, had nothing to say: the slave has.
+void emulator_window(emulator_t *self, int64_t local_ns);
+
 /// Something outside sets the stamp clock.
 void emulator_reset_stamp(emulator_t *self, uint64_t to_us, int64_t local_ns);
 

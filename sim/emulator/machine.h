@@ -7,7 +7,7 @@
 
 #include "emulator.h"
 
-enum { MACHINE_MEMORIES_MAX = 2, MACHINE_DEVICES_MAX = 4, MACHINE_PORTS_MAX = 4 };
+enum { MACHINE_MEMORIES_MAX = 3, MACHINE_DEVICES_MAX = 4, MACHINE_PORTS_MAX = 4 };
 
 typedef struct {
     uint32_t address;
@@ -55,6 +55,8 @@ typedef struct {
     int64_t (*alarm_ns)(emulator_t *e);
     void (*alarm)(emulator_t *e);
     int64_t (*byte_ps)(emulator_t *e, int port);
+    /// emulator_window; has to run the code too.
+    void (*window)(emulator_t *e);
     /// The new value is in board_stamp_reset.
     void (*reset_stamp)(emulator_t *e);
 } machine_t;

@@ -84,6 +84,11 @@ static void reset_stamp(void *app, uint64_t to_us, int64_t local_ns) {
     self->verbs->reset_stamp(self->app, to_us, local_ns);
 }
 
+static void window(void *app, int64_t local_ns) {
+    recorder_t *self = app;
+    self->verbs->window(self->app, local_ns);
+}
+
 int kernel_record_calls(kernel_t *k, int robot, mcu_t mcu) {
     static const size_t config_sizes[MCU_COUNT] = {sizeof(stm32_config_t), sizeof(gap8_config_t),
                                                    sizeof(esp32_config_t)};
@@ -107,6 +112,7 @@ int kernel_record_calls(kernel_t *k, int robot, mcu_t mcu) {
         .deadline = deadline,
         .byte_ps = node->verbs->byte_ps == NULL ? NULL : byte_ps,
         .reset_stamp = node->verbs->reset_stamp == NULL ? NULL : reset_stamp,
+        .window = node->verbs->window == NULL ? NULL : window,
     };
     node->verbs = &self->recording;
     node->app = self;

@@ -53,8 +53,13 @@ static void emulated_reset_stamp(void *app, uint64_t to_us, int64_t local_ns) {
     emulator_reset_stamp(((emulated_t *)app)->emulator, to_us, local_ns);
 }
 
+static void emulated_window(void *app, int64_t local_ns) {
+    emulator_window(((emulated_t *)app)->emulator, local_ns);
+}
+
 static const node_verbs_t emulated_verbs = {emulated_init,     emulated_receive, emulated_transmit,
-                                            emulated_deadline, emulated_byte_ps, emulated_reset_stamp};
+                                            emulated_deadline, emulated_byte_ps, emulated_reset_stamp,
+                                            emulated_window};
 
 // What the other end of each UART sends at.
 static void set_wires(emulator_t *emulator, mcu_t mcu, const robot_config_t *config) {

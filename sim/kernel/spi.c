@@ -29,6 +29,10 @@ static void window_start(kernel_t *k, robot_t *r) {
     if (spi->master_size == 0) {
         spi->master_size = CPX_LINK_HEADER_BYTES;
         memset(spi->master, 0, CPX_LINK_HEADER_BYTES);
+        node_t *gap8 = &r->nodes[MCU_GAP8];
+        if (gap8->verbs->window != NULL) {
+            gap8->verbs->window(gap8->app, node_local_ns(k, gap8));
+        }
     }
     spi->under_way = true;
     trace_unit(k, r, WIRE_SPI_TO_ESP32, MCU_GAP8, (bytes_t){spi->master, spi->master_size});
@@ -49,15 +53,15 @@ void spi_poll(kernel_t *k, robot_t *r, mcu_t asker) {
     if (spi->under_way || !r->nodes[MCU_GAP8].up) {
         return;
     }
+    if (spi->master_size == 0) { // the GAP8 does not know that the wire stands still
+        spi->master_size = asked(k, r, MCU_GAP8, asker);
+    }
     int64_t there_ns = carrier_free_ns(&r->carriers[WIRE_SPI_TO_ESP32], k->now_ns);
     int64_t back_ns = carrier_free_ns(&r->carriers[WIRE_SPI_TO_GAP8], k->now_ns);
     int64_t free_ns = there_ns > back_ns ? there_ns : back_ns;
     if (free_ns > k->now_ns) {
         robot_at(k, r, SOURCE_SPI, free_ns);
         return;
-    }
-    if (spi->master_size == 0) {
-        spi->master_size = asked(k, r, MCU_GAP8, asker);
     }
     if (spi->slave_size == 0 && (asker == MCU_ESP32 || spi->master_size != 0)) {
         spi->slave_size = asked(k, r, MCU_ESP32, asker);

@@ -101,8 +101,12 @@ void spi_end(void);
 /// What the slave has sent, empty if nothing; valid until spi_listen, which must follow.
 bytes_t spi_received(void);
 void spi_listen(void);
-/// The ESP32's line has risen: it is ready for a window.
+/// Nothing to say, in a window for what the slave has.
+void spi_start_empty(void);
+/// The ESP32's line has risen: it may have something to say.
 bool spi_handshake(void);
+/// The line is still up: it waits for a window.
+bool spi_wanted(void);
 
 // camera.c
 void camera_init(void);

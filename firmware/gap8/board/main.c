@@ -72,9 +72,14 @@ HANDLER void software_handler(void) {
 
 static void ask_spi(void) {
     const bytes_mut_t room = spi_room();
-    const size_t size = room.size == 0 ? 0 : gap8_transmit(&board_app, GAP8_PORT_SPI, room, board.now);
+    if (room.size == 0) {
+        return;
+    }
+    const size_t size = gap8_transmit(&board_app, GAP8_PORT_SPI, room, board.now);
     if (size != 0) {
         spi_start(size);
+    } else if (spi_wanted()) {
+        spi_start_empty();
     }
 }
 

@@ -36,6 +36,11 @@ void spi_start(size_t size) {
     udma_start(&SPIM1->tx, out, size);
 }
 
+void spi_start_empty(void) {
+    memset(out, 0, CPX_LINK_HEADER_BYTES);
+    spi_start(CPX_LINK_HEADER_BYTES);
+}
+
 void spi_end(void) {
     busy = false;
 }
@@ -46,6 +51,10 @@ bytes_t spi_received(void) {
 
 void spi_listen(void) {
     udma_start(&SPIM1->rx, in, sizeof in);
+}
+
+bool spi_wanted(void) {
+    return (GPIO->in >> PIN_READY & 1) != 0;
 }
 
 bool spi_handshake(void) {
