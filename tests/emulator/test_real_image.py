@@ -3,19 +3,23 @@
 from typing import Any
 
 import pytest
-from arm_rig import compiler
+
+pytest.importorskip("unicorn", reason="Unicorn is not installed: pip install 'spindeck[emulator]'")
 
 from host.firmware.build import build
+from host.firmware.toolchains import MissingError
 from host.native import ffi, lib
 from host.protocol.errors import PeerError
 from sim import images, unicorn
 from sim.world import World
 
 
-@pytest.fixture(scope="module")
-def image() -> images.Image:
-    compiler()
-    return images.load(build("stm32").elf)
+@pytest.fixture(scope="module", params=["gcc", "zig"])
+def image(request: pytest.FixtureRequest) -> images.Image:
+    try:
+        return images.load(build("stm32", request.param).elf)
+    except MissingError as error:
+        pytest.skip(str(error))
 
 
 Run = tuple[int, int, int, int, bytes]
