@@ -23,14 +23,13 @@ int gap8_init(gap8_t *self, const gap8_config_t *config, instant_t now) {
         (config->width > 0 && config->height == 0)) {
         return ERR_VALUE;
     }
-    *self = (gap8_t){
-        .config = *config,
-        .camera = config->camera,
-        .camera_next = config->camera,
-        .capturing = -1,
-        .sending = -1,
-        .capture_next_us = now.up_us,
-    };
+    memset(self, 0, sizeof *self); // some compilers would make a literal of it on the stack
+    self->config = *config;
+    self->camera = config->camera;
+    self->camera_next = config->camera;
+    self->capturing = -1;
+    self->sending = -1;
+    self->capture_next_us = now.up_us;
     uart1_rx_init(&self->stamp_rx, listens_for(config->firmware));
     return 0;
 }

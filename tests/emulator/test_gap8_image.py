@@ -8,7 +8,7 @@ from gap8_image_rig import compiler
 
 from host.firmware.build import build
 from host.native import lib
-from host.protocol.errors import PeerError
+from host.protocol.errors import LocalError, PeerError
 from sim import images, unicorn
 from sim.world import World
 
@@ -33,6 +33,15 @@ def test_the_image_s_bytes_and_times_are_the_native_app_s(image: images.Image, s
     native = traced(None, {"source": scenario}, fly)
     assert len(native) > 1000
     assert difference(native, traced(image, {"source": scenario}, fly)) == ""
+
+
+@pytest.mark.parametrize("toolchain", ["gcc", "zig"])
+def test_with_either_compiler(toolchain: str) -> None:
+    try:
+        own = images.load(build("gap8", toolchain).elf)
+    except LocalError as error:
+        pytest.skip(str(error).splitlines()[0])
+    assert difference(traced(None, {}, fly), traced(own, {}, fly)) == ""
 
 
 @pytest.mark.parametrize("ppm", [-20_000, -50, 50, 2000])
