@@ -123,8 +123,15 @@ SMALLEST_LOG = bytes.fromhex(
 
 @pytest.mark.parametrize("command", re.findall(r"^\.venv/bin/host (usd .*)$", README, re.MULTILINE))
 def test_logs(command: str, tmp_path: Path) -> None:
-    """Every `host usd` line, on a log with one row."""
+    """Every `host usd` line, on a log with one row, and on a card with it."""
     (tmp_path / "log00").write_bytes(SMALLEST_LOG)
+    if "card.img" in command:
+        pytest.importorskip("fatfs", reason="fatfs-ng is not installed: pip install 'spindeck[card]'")
+        from sim.card import Card
+
+        card = Card(16)
+        card.put("log00", SMALLEST_LOG)
+        card.save(str(tmp_path / "card.img"))
     result = host(*shlex.split(command, comments=True), cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert result.stdout

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import Any
 
 from ..protocol.errors import LocalError
 from . import usd_config
 
 FILES = """\
-FILE is a log as it lies on the card: version 2 or 1, or the format of 2019. Damaged logs are read as far as anything in
-them can be trusted: verified rows are covered by a good CRC, unverified rows only look right.
+FILE is a log as it lies on the card: version 2 or 1, or the format of 2019; or a log on a card's image (made with dd),
+card.img:/log00. Damaged logs are read as far as anything in them can be trusted: verified rows are covered by a good
+CRC, unverified rows only look right.
 """
 INFO_EXAMPLES = """\
 examples:
   host usd info log00
   host usd info card/log* --json
+  host usd info card.img                  # the files on it
+  host usd info card.img:/log00
 """
 CHECK_EXAMPLES = """\
 The exit code is 4 when a log is damaged, was not closed, or lacks rows. The clock alone is no fault: it is a note.
@@ -23,6 +27,7 @@ The exit code is 4 when a log is damaged, was not closed, or lacks rows. The clo
 examples:
   host usd check log00
   host usd check card/log* --json | grep damage
+  host usd check card.img                 # all logs on it
 """
 DECODE_EXAMPLES = """\
 OUT's ending chooses the format:
@@ -83,12 +88,19 @@ def add_verb(
 
 def run_info(arguments: argparse.Namespace) -> int:
     """0, unless nothing of a file can be read."""
-    from . import usd_report
+    from ..usd.files import is_card, open_card
+    from . import usd_card, usd_report
     from .as_json import line
 
     code = 0
     for name in arguments.files:
+        if is_card(name):
+            card = open_card(name)
+            shown = [line(usd_card.as_record(name, card))] if arguments.json else usd_card.info_lines(name, card)
+            print("\n".join(shown))
+            continue
         log, findings = load(name)
+        warn_of_card(name)
         code = code if log.version else 4
         if arguments.json:
             print(line(usd_report.as_record(name, log, findings)))
@@ -99,13 +111,15 @@ def run_info(arguments: argparse.Namespace) -> int:
 
 def run_check(arguments: argparse.Namespace) -> int:
     """0 if every log is whole and lacks nothing."""
+    from ..usd.files import card_faults, logs_on
     from . import usd_report
     from .as_json import line
 
     code = 0
-    for name in arguments.files:
+    for name in (log for given in arguments.files for log in logs_on(given)):
         log, findings = load(name)
         faults, notes = usd_report.judge(log, findings)
+        faults = [{"event": "card", "text": str(each), "sector": each.sector} for each in card_faults(name)] + faults
         code = 4 if faults else code
         if arguments.json:
             for record in [*faults, *notes]:
@@ -130,6 +144,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
     else:
         for path, rows in written.items():
             print(f"{path}: {rows} rows")
+    warn_of_card(arguments.file)
     warn(arguments.file, log)
     return 0
 
@@ -139,7 +154,7 @@ def run_repair(arguments: argparse.Namespace) -> int:
     from pathlib import Path
 
     from ..usd.decode import decode
-    from ..usd.files import read_log
+    from ..usd.files import read_log, split
     from ..usd.repair import repair
     from .as_json import line
     from .usd_tables import new_file
@@ -148,7 +163,7 @@ def run_repair(arguments: argparse.Namespace) -> int:
     log = decode(source)
     if not log.row_count:
         raise_nothing(arguments.file, log)
-    if Path(arguments.output).exists() and Path(arguments.output).samefile(arguments.file):
+    if Path(arguments.output).exists() and Path(arguments.output).samefile(split(arguments.file)[0]):
         raise LocalError(f"{arguments.output}: this is FILE itself, which is only read: name another file with -o")
     made = repair(source, log)
     with new_file(arguments.output, arguments.force) as out:
@@ -160,6 +175,7 @@ def run_repair(arguments: argparse.Namespace) -> int:
         print(
             f"{arguments.output}: {log.row_count} rows, of which {log.verified_count} verified; {lost} bytes left out"
         )
+    warn_of_card(arguments.file)
     return 0
 
 
@@ -173,6 +189,14 @@ def load(name: str, examined: bool = True) -> tuple[Any, Any]:
     return log, examine(log) if examined else None
 
 
+def warn_of_card(name: str) -> None:
+    """On stderr, of what is wrong on the card that a log lies on."""
+    from ..usd.files import card_faults
+
+    for fault in card_faults(name):
+        print(f"{name}: {fault}", file=sys.stderr)
+
+
 def counts(log: Any) -> dict[str, Any]:
     lost = sum(each.size for each in log.damages)
     return {"rows": log.row_count, "verified": log.verified_count, "lost_bytes": lost, "damages": log.damages}
@@ -180,8 +204,6 @@ def counts(log: Any) -> dict[str, Any]:
 
 def warn(name: str, log: Any) -> None:
     """On stderr, of a log that is not whole."""
-    import sys
-
     if not log.is_whole:
         unverified = log.row_count - log.verified_count
         print(

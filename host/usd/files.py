@@ -1,15 +1,76 @@
-"""A log's bytes from where they are."""
+"""A log's bytes from where they are: a file, or a file in the image of a card."""
 
 from __future__ import annotations
 
 import mmap
 from pathlib import Path
 
-from ..protocol.errors import LocalError
+from ..protocol.errors import LocalError, PeerError
+from .cardimage import CardImage
+from .fat import Fault
+
+INSIDE = ":/"
+"""Between a card's image and a file on it: card.img:/log00."""
 
 
 def read_log(name: str) -> bytes | mmap.mmap:
-    """The bytes of a log, mapped. LocalError when they cannot be had."""
+    """The bytes of a log, mapped if they lie in one piece. LocalError when they cannot be had."""
+    image, path = split(name)
+    if path:
+        card = open_card(image)
+        return card.read(card.find(path)).data
+    if is_card(name):
+        raise LocalError(
+            f"{name} is the image of a card: name a log on it, as in {name}:/log00 ('host usd info {name}')"
+        )
+    return read_file(name)
+
+
+def card_faults(name: str) -> tuple[Fault, ...]:
+    """What is wrong with the card on the way to this log; nothing if it lies on none."""
+    image, path = split(name)
+    if not path:
+        return ()
+    card = open_card(image)
+    return (*card.faults, *card.read(card.find(path)).faults)
+
+
+def open_card(name: str) -> CardImage:
+    """PeerError: it is no card's image."""
+    try:
+        return CardImage(read_file(name))
+    except PeerError as error:
+        raise PeerError(f"{name}: {error}") from None
+
+
+def is_card(name: str) -> bool:
+    """A pipe is none: it can be read once."""
+    if split(name)[1] or not Path(name).is_file():
+        return False
+    try:
+        CardImage(read_file(name))
+    except PeerError:
+        return False
+    return True
+
+
+def logs_on(name: str) -> list[str]:
+    """The logs on a card, by names for read_log; of anything else its own name."""
+    if not is_card(name):
+        return [name]
+    card = open_card(name)
+    if logs := [f"{name}:{each.path}" for each in card.files if card.is_log(each)]:
+        return logs
+    raise LocalError(f"{name}: no logs on this card; 'host usd info {name}' lists its files")
+
+
+def split(name: str) -> tuple[str, str]:
+    """An image and a path on it; the path is empty if this is a file as it is."""
+    image, inside, path = name.partition(INSIDE)
+    return (image, "/" + path) if inside and not Path(name).exists() else (name, "")
+
+
+def read_file(name: str) -> bytes | mmap.mmap:
     try:
         with Path(name).open("rb") as file:
             try:
