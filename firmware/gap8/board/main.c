@@ -100,28 +100,20 @@ static void set_alarm(void) {
     }
 }
 
-// The app is asked with interrupts off, and with the instant of the last one: an app's time never goes back.
-static void service(bool all) {
-    interrupts_off();
-    ask_spi();
-    interrupts_on();
-    if (all) {
-        interrupts_off();
-        ask_camera();
-        interrupts_on();
-    }
-    interrupts_off();
-    set_alarm();
-    interrupts_on();
+static bool asleep(void) {
+    return !board.wake && !board.spi_asked;
 }
 
-// An interrupt between the look at the flags and wfi is not lost: masked, it stays pending, and ends wfi.
-static void sleep(void) {
-    interrupts_off();
-    if (!board.wake && !board.spi_asked) {
-        __asm volatile("wfi" ::: "memory");
+/// With the instant of the last interrupt: an app's time never goes back.
+static void service(void) {
+    const bool all = board.wake;
+    board.wake = false;
+    board.spi_asked = false;
+    ask_spi();
+    if (all) {
+        ask_camera();
     }
-    interrupts_on(); // its handler runs here
+    set_alarm();
 }
 
 int main(void) {
@@ -136,14 +128,17 @@ int main(void) {
     const gap8_config_t config = board_config.app;
     board_init_result = gap8_init(&board_app, &config, board.now);
     board.wake = board_init_result == 0;
-    interrupts_on();
-    for (;;) {
-        const bool all = board.wake;
-        if (all || board.spi_asked) {
-            board.wake = false;
-            board.spi_asked = false;
-            service(all);
+    if (!board.wake) {
+        EVENT_UNIT->irq_mask = 0;
+    }
+    for (;;) { // interrupts are off here
+        if (!asleep()) {
+            service();
         }
-        sleep();
+        if (asleep()) {
+            __asm volatile("wfi" ::: "memory"); // a pending interrupt ends it, or keeps it from beginning
+        }
+        interrupts_on(); // the handlers run here
+        interrupts_off();
     }
 }
