@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import bisect
+import functools
 import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from host.firmware import build, members
 from host.native import ffi, lib
 from host.protocol.errors import LocalError
 
@@ -47,6 +49,10 @@ class Image:
         start, _, name = table[at]
         return name if start == address else f"{name}+0x{address - start:x}"
 
+    def members(self, variable: str) -> dict[str, members.Member]:
+        """Where the integers in a variable are, by name: LocalError without debug information."""
+        return members.members(self.path, variable)
+
     def explain(self, report: str) -> str:
         """The kernel's report of a failure with the names of the functions that it points into."""
         return re.sub(
@@ -58,6 +64,16 @@ class Image:
 
 def _bracketed(name: str) -> str:
     return f"({name})" if name else ""
+
+
+@functools.lru_cache(maxsize=16)
+def _loaded(path: Path) -> Image:
+    return load(path)
+
+
+def built(mcu: str, toolchain: str | None = None) -> Image:
+    """That of this package's sources, built when it is first asked for. LocalError without compiler or pyelftools."""
+    return _loaded(build.build(mcu, toolchain).elf)
 
 
 def load(path: str | Path) -> Image:

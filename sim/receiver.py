@@ -25,7 +25,7 @@ class Receiver(Robot):
 
     def __init__(self, world: World, index: int, dialect: Dialect) -> None:
         known = world.robots[index]
-        super().__init__(world, index, known.settings)
+        super().__init__(world, index, known.settings, known.images)
         self._wires = known._wires
         self.dialect = dialect
         self.frames: list[Frame] = []

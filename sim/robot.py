@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from host.native import ffi, lib
 from host.protocol.errors import LocalError
 
-from . import configure, scenario
+from . import configure, emulated, scenario
+from .images import Image
 from .settings import RobotSettings, Scalar, Wire
 
 if TYPE_CHECKING:
@@ -44,10 +46,12 @@ INJECT_BYTES_MAX = 65536
 class Robot:
     """Of a World; `world.robots` holds them."""
 
-    def __init__(self, world: World, index: int, settings: RobotSettings) -> None:
+    def __init__(self, world: World, index: int, settings: RobotSettings, images: Mapping[str, Image]) -> None:
         self.world = world
         self.index = index
         self.settings = settings
+        self.images = images
+        """Of the MCUs that are emulated, by name."""
         self._wires: dict[int, Wire] = {}
         """Those that set_faults has changed."""
 
@@ -97,22 +101,41 @@ class Robot:
     # What its parts have counted.
 
     @property
+    def backends(self) -> dict[str, str]:
+        """By MCU: "emulated" of one that runs an image, else "native"."""
+        return {mcu: "emulated" if mcu in self.images else "native" for mcu in MCUS}
+
+    @property
     def stm32(self) -> dict[str, int]:
         """Counters since the STM32's last boot, by their names in firmware/stm32/app.h."""
-        with self.world.lock:
-            return _counters(lib.kernel_stm32(self.world.kernel, self.index), COUNTERS["stm32"])
+        return self._app("stm32", lib.kernel_stm32)
 
     @property
     def gap8(self) -> dict[str, int]:
         """Likewise, firmware/gap8/app.h."""
-        with self.world.lock:
-            return _counters(lib.kernel_gap8(self.world.kernel, self.index), COUNTERS["gap8"])
+        return self._app("gap8", lib.kernel_gap8)
 
     @property
     def esp32(self) -> dict[str, int]:
         """Likewise, firmware/esp32/app.h."""
+        return self._app("esp32", lib.kernel_esp32)
+
+    def _app(self, mcu: str, native: Callable[[Any, int], Any]) -> dict[str, int]:
+        names = COUNTERS[mcu]
         with self.world.lock:
-            return _counters(lib.kernel_esp32(self.world.kernel, self.index), COUNTERS["esp32"])
+            if mcu in self.images:
+                counts = emulated.counters(self.world.kernel, self.index, mcu, self.images[mcu], names)
+                return {name.replace(".", "_"): count for name, count in counts.items()}
+            return _counters(native(self.world.kernel, self.index), names)
+
+    @property
+    def stacks(self) -> dict[str, int]:
+        """Of each emulated MCU: how many bytes of its stack have been used since its last boot."""
+        with self.world.lock:
+            return {
+                mcu: emulated.stack_used(self.world.kernel, self.index, mcu, image)
+                for mcu, image in self.images.items()
+            }
 
     @property
     def wires(self) -> dict[str, dict[str, int]]:

@@ -125,7 +125,8 @@ def parse_url(url: str) -> tuple[str, dict[str, Value]]:
         setting = find(key)
         if setting.name in values:
             raise LocalError(f"{url}: {key} is given twice")
-        items = text.split(",") if setting.per_robot and setting.kind is not str else [text]
+        listed = setting.per_robot and (setting.kind is not str or setting.choices)  # a path may have commas
+        items = text.split(",") if listed else [text]
         converted = [_from_text(setting, item) for item in items]
         values[setting.name] = checked(setting, converted if len(converted) > 1 else converted[0])
     return unquote(parts.netloc + parts.path).rstrip("/") or "hover", values

@@ -155,6 +155,14 @@ class RobotSettings:
     firmware: Literal["native", "stock", "paper", "nanocockpit"] = choice(
         "native", "whose: this project's, Bitcraze's (no stamps on UART1), the dataset paper's, NanoCockpit's"
     )
+    backend: Literal["native", "emulated"] = choice(
+        "native",
+        "what the STM32 and the GAP8 run: their apps compiled for this computer, or the real images, emulated by "
+        "Unicorn; the bytes and times are equal. The ESP32 is native",
+    )
+    toolchain: Literal["auto", "gcc", "zig"] = choice(
+        "auto", "what builds the images of backend=emulated; auto: gcc where it is installed, else zig"
+    )
     camera_path: str = text("a PGM, PPM or PNG file, or a folder of them, instead of the built-in pictures")
     stm32: Stm32Clock = field(default_factory=Stm32Clock)
     gap8: Clock = field(default_factory=Clock)

@@ -10,8 +10,9 @@ import dataclasses
 import functools
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -20,12 +21,14 @@ from numpy.typing import NDArray
 from host.native import ffi, lib
 from host.protocol.errors import LocalError, PeerError
 
-from . import camera, configure, scenario
+from . import camera, configure, emulated, scenario
+from .images import Image
 from .journal import Journal, Record
 from .receiver import Dialect, Receiver
 from .replay import repeat
 from .robot import Robot
 from .settings import RobotSettings
+from .trace import Run, take
 from .truth import TRUTH_DTYPE
 
 NS = 1_000_000_000
@@ -77,11 +80,13 @@ class World:
         trace: Trace = "off",
         lock: AbstractContextManager[Any] | None = None,
         keep_log: bool = True,
+        images: Mapping[str, str | Path] | None = None,
         **overrides: object,
     ) -> None:
         """A scenario, or its name and keys that override it. LocalError if it is impossible.
 
         A world that runs for days is better off with keep_log=False: a log grows with all that the host sends.
+        `images`: ELF files by MCU ("stm32", "gap8"), which those MCUs of every robot run, whatever `backend` says.
         """
         source = scenario.load(source, **overrides) if isinstance(source, str) else source.changed(overrides)
         if trace not in TRACES:
@@ -96,6 +101,9 @@ class World:
         self._pictures: dict[tuple[str | int, ...], tuple[camera.Pictures, list[Any]]] = {}
         self._buffers: list[Any] = []
         self._shown: dict[int, camera.Pictures] = {}
+        self._given = dict(images or {})
+        self._images: dict[tuple[int, str], Image] = {}
+        """What is emulated, by robot and MCU; the kernel keeps their addresses."""
         self._kernel = Kernel(source.seed)
         lib.kernel_trace(self.kernel, TRACES[trace])
         self.robots = tuple(self._add(index, settings) for index, settings in enumerate(source.robots))
@@ -121,7 +129,11 @@ class World:
             result = lib.kernel_set_images(self.kernel, index, *views, len(pictures.raw))
             if result < 0:
                 raise MemoryError
-        return Robot(self, index, settings)
+        runs = emulated.images_of(settings, self._given)
+        for mcu, image in runs.items():
+            emulated.emulate(self.kernel, index, mcu, image)
+            self._images[index, mcu] = image
+        return Robot(self, index, settings, runs)
 
     def _load_pictures(self, settings: RobotSettings) -> tuple[camera.Pictures, list[Any]]:
         """With the arrays of views that the kernel copies; robots with the same pictures share them."""
@@ -245,6 +257,13 @@ class World:
             ]
         return functools.reduce(lambda whole, each: (whole * 0x100000001B3 ^ each) % 2**64, hashes, len(hashes))
 
+    def take_trace(self) -> list[Run]:
+        """All that has been sent since the last call, with trace="full", which keeps it until then."""
+        if self.trace != "full":
+            raise LocalError("this world keeps no bytes: make it with World(..., trace='full')")
+        with self.lock:
+            return take(self.kernel)
+
     def did(self, do: str, **arguments: Any) -> None:
         """After something was done to this world from outside: logs it, and lets happen what is due at this instant.
 
@@ -273,7 +292,7 @@ class World:
         result = lib.kernel_run(self.kernel, true_ns, robot, size)
         if result < 0:
             if result == lib.KERNEL_ERR_IMAGE:
-                raise PeerError(str(ffi.string(lib.kernel_fault(self.kernel)), "ascii"))
+                raise PeerError(emulated.fault(self.kernel, self._images))
             raise MemoryError(f"kernel_run({true_ns}): {result}")
         return bool(result == lib.KERNEL_BYTES)
 
@@ -293,6 +312,7 @@ class World:
                 "scenario": self.scenario.name,
                 "values": dict(self.scenario.values),
                 "trace": self.trace,
+                "images": {mcu: str(path) for mcu, path in self._given.items()},
             }
             return [first, *self._journal.records(available), {"t": self.now_ns, "n": END, "do": "end"}]
 
@@ -302,7 +322,11 @@ class World:
         records = list(log)
         if not records or records[0].get("do") != "world":
             raise LocalError("a log begins with its world: give World.log as it was")
-        world = cls(scenario.Scenario.of(records[0]["scenario"], records[0]["values"]), trace=records[0]["trace"])
+        world = cls(
+            scenario.Scenario.of(records[0]["scenario"], records[0]["values"]),
+            trace=records[0]["trace"],
+            images=records[0].get("images"),
+        )
         repeat(world, records[1:])
         return world
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..protocol.errors import LocalError
+from . import firmware_run
 
 if TYPE_CHECKING:
     from ..firmware.build import Image
@@ -70,6 +71,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     info.add_argument("image", nargs="?", metavar="IMAGE", help="an ELF file of host firmware build")
     common(info)
     info.set_defaults(run=run_info)
+    firmware_run.add_parser(below)
 
 
 def common(parser: argparse.ArgumentParser) -> None:

@@ -96,11 +96,15 @@ def describe(record: dict[str, Any]) -> str:
 
 
 def status_lines(robot: Robot) -> list[str]:
-    """Frames, rate, bytes, losses and the last stamp of one robot; below it who is silent, if anyone is."""
+    """Frames, rate, bytes, losses and the last stamp of one robot; below it what is emulated, and who is silent, if
+    anyone is."""
+    lines = [status_line(robot)]
+    if of := emulated(robot.backends):
+        lines.append(f"  {of}")
     state = robot.stream.watch.state
-    if state is None or state.state in ("waiting", "streaming"):
-        return [status_line(robot)]
-    return [status_line(robot), f"  {describe_state(state, robot.stream.port.clock_ns())}"]
+    if state is not None and state.state not in ("waiting", "streaming"):
+        lines.append(f"  {describe_state(state, robot.stream.port.clock_ns())}")
+    return lines
 
 
 def status_line(robot: Robot) -> str:
@@ -113,6 +117,15 @@ def status_line(robot: Robot) -> str:
         f"robot {robot.number}: {robot.frames} frames  {robot.fps or 0:.1f} fps  "
         f"{counters.bytes / 1e6:.1f} MB  lost {sum(counters.frames_lost.values())}  " + last_time(robot.last_frame)
     )
+
+
+def emulated(backends: dict[str, str] | None) -> str:
+    """Which MCUs run images; empty if none does."""
+    by: dict[str, list[str]] = {}
+    for mcu, backend in (backends or {}).items():
+        by.setdefault(backend, []).append(mcu)
+    parts = [f"{' and '.join(by[backend])} {backend}" for backend in sorted(by)]
+    return ", ".join(parts) if "emulated" in by else ""
 
 
 def last_time(frame: Frame | None) -> str:
@@ -143,6 +156,8 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
         missing = {what: count for what, count in summary["recorded"]["missing"].items() if count}
         slow = "; THE DISK WAS TOO SLOW, missing: " + ", ".join(f"{count} {what}" for what, count in missing.items())
         lines.append(f"recorded    {summary['recorded']['file']}" + (slow if missing else ""))
+    if of := emulated(summary["backends"]):
+        lines.append(f"firmware    {of}")
     if summary["stamps"]:
         lines.append(f"stamps      {summary['stamps']} messages of the STM32")
     error = summary["stamp_error_us"]

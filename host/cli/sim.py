@@ -79,8 +79,13 @@ def run(arguments: argparse.Namespace) -> int:
         server = Server(made, doors, keep_log=log is not None, report=output.happened)
         open_things.callback(server.close)
         robots = [
-            {"port": door.url, "wire": robot.wire, "firmware": robot.firmware}
-            for door, robot in zip(doors, made.robots, strict=True)
+            {
+                "port": station.door.url,
+                "wire": station.robot.settings.wire,
+                "firmware": station.robot.settings.firmware,
+                "backends": station.robot.backends,
+            }
+            for station in server.stations
         ]
         # Ended by the system is ended by Ctrl-C.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -173,9 +178,16 @@ def figures(server: Server) -> dict[str, Any]:
 class Output:
     """For people: the ports on stdout, all else on stderr."""
 
-    def serving(self, made: Scenario, robots: list[dict[str, str]]) -> None:
+    def serving(self, made: Scenario, robots: list[dict[str, Any]]) -> None:
+        from .show import emulated
+
         kinds = ", ".join(sorted({robot["firmware"] for robot in robots}))
-        said = f"{len(robots)} robot{'s' * (len(robots) > 1)} of {made.name} ({kinds} firmware)"
+        of: dict[str, list[str]] = {}
+        for number, robot in enumerate(robots):
+            if said := emulated(robot["backends"]):
+                of.setdefault(said, []).append(str(number))
+        notes = [f"; robot {', '.join(numbers)}: {said}" for said, numbers in of.items()]
+        said = f"{len(robots)} robot{'s' * (len(robots) > 1)} of {made.name} ({kinds} firmware{''.join(notes)})"
         self._say(f"serving {said}; time begins with the first client; Ctrl-C ends")
         for robot in robots:
             print(robot["port"], flush=True)
@@ -211,7 +223,7 @@ class Output:
 class JsonOutput(Output):
     """For programs."""
 
-    def serving(self, made: Scenario, robots: list[dict[str, str]]) -> None:
+    def serving(self, made: Scenario, robots: list[dict[str, Any]]) -> None:
         self._line("serving", {"scenario": made.name, "robots": robots})
 
     def happened(self, what: Happening) -> None:

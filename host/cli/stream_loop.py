@@ -97,12 +97,18 @@ class Robot:
         """The simulated world behind the port, or None for a real one."""
         return getattr(self.stream.port, "world", None)
 
+    @property
+    def backends(self) -> dict[str, str] | None:
+        """What each MCU of a simulated robot is: "native" or "emulated"; None for a real one."""
+        return None if self.world is None else dict(self.world.robots[self.stream.port.robot].backends)
+
     def summary(self) -> dict[str, Any]:
         """Figures at the end, or so far; `frames_lost` by cause, `stamp_error_us` only where the truth is known."""
         counters = self.stream.counters
         fps = self.fps
         return {
             "port": self.port,
+            "backends": self.backends,
             "frames": self.frames,
             "dialect": None if self.last_frame is None else self.last_frame.dialect,
             "seconds": round(self.seconds, 3),

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..protocol.errors import LocalError
+from .elf import write_binary
 from .targets import Target, target_of
 from .toolchains import TESTED, Toolchain, find
 
@@ -127,8 +128,6 @@ def make(
     target: Target, compiler: Toolchain, defines: tuple[str, ...], sources: list[Path], work: Path, result: Path
 ) -> str:
     """Compiles in `work`, links into `result`, and returns the warnings."""
-    from .elf import write_binary
-
     for path in sources:
         (work / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(SOURCES / path, work / path)

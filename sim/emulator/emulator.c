@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { RAM_PATTERN = 0xA5, PAGE_BYTES = 4096 };
+enum { PAGE_BYTES = 4096 };
 
 void emulator_fail(emulator_t *e, const char *format, ...) {
     if (e->report->failed) {
@@ -219,7 +219,7 @@ static void load(emulator_t *e, bytes_t config) {
     const image_t *image = e->image;
     for (int i = 0; i < MACHINE_MEMORIES_MAX && e->memories[i] != NULL; i++) {
         const machine_memory_t *memory = &e->machine->memories[i];
-        memset(e->memories[i], memory->writable ? RAM_PATTERN : 0xFF, memory->bytes);
+        memset(e->memories[i], memory->writable ? EMULATOR_RAM_PATTERN : 0xFF, memory->bytes);
     }
     for (size_t i = 0; i < image->segment_count; i++) {
         const bytes_t bytes = image->segments[i].bytes;
@@ -281,6 +281,13 @@ size_t emulator_transmit(emulator_t *e, int port, bytes_mut_t out, int64_t local
     e->machine->asked(e, port);
     emulator_run(e, true);
     return emulator_failed(e) ? 0 : e->machine->take(e, port, out);
+}
+
+void emulator_sent(emulator_t *e, int port, int64_t local_ns) {
+    if (enter(e, local_ns)) {
+        e->machine->asked(e, port);
+        emulator_run(e, false);
+    }
 }
 
 uint64_t emulator_deadline(emulator_t *e, int64_t local_ns) {

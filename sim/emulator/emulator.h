@@ -11,6 +11,7 @@
 
 enum {
     EMULATOR_REPORT_BYTES = 1024,
+    EMULATOR_RAM_PATTERN = 0xA5,    ///< in every byte that nobody has written since power-up
     EMULATOR_BLOCKS_MAX = 20000000, ///< basic blocks in one call; code that runs longer is taken to spin
 };
 
@@ -60,6 +61,10 @@ int emulator_power_up(emulator_t *self, bytes_t config, int64_t local_ns);
 int emulator_receive(emulator_t *self, int port, bytes_t in, int64_t local_ns);
 size_t emulator_transmit(emulator_t *self, int port, bytes_mut_t out, int64_t local_ns);
 uint64_t emulator_deadline(emulator_t *self, int64_t local_ns);
+
+/// The transmission that `transmit` has begun on that port has ended: its interrupt, before any port is
+/// asked. Without this call, asking the port says so.
+void emulator_sent(emulator_t *self, int port, int64_t local_ns);
 
 /// How long a byte takes that the other end of that UART sends: if it is not what the image's baud register
 /// says, it is received with a framing error.

@@ -89,6 +89,11 @@ static void window(void *app, int64_t local_ns) {
     self->verbs->window(self->app, local_ns);
 }
 
+static void sent(void *app, int port, int64_t local_ns) {
+    recorder_t *self = app;
+    self->verbs->sent(self->app, port, local_ns);
+}
+
 int kernel_record_calls(kernel_t *k, int robot, mcu_t mcu) {
     static const size_t config_sizes[MCU_COUNT] = {sizeof(stm32_config_t), sizeof(gap8_config_t),
                                                    sizeof(esp32_config_t)};
@@ -113,6 +118,7 @@ int kernel_record_calls(kernel_t *k, int robot, mcu_t mcu) {
         .byte_ps = node->verbs->byte_ps == NULL ? NULL : byte_ps,
         .reset_stamp = node->verbs->reset_stamp == NULL ? NULL : reset_stamp,
         .window = node->verbs->window == NULL ? NULL : window,
+        .sent = node->verbs->sent == NULL ? NULL : sent,
     };
     node->verbs = &self->recording;
     node->app = self;

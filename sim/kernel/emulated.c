@@ -57,9 +57,13 @@ static void emulated_window(void *app, int64_t local_ns) {
     emulator_window(((emulated_t *)app)->emulator, local_ns);
 }
 
+static void emulated_sent(void *app, int port, int64_t local_ns) {
+    emulator_sent(((emulated_t *)app)->emulator, port, local_ns);
+}
+
 static const node_verbs_t emulated_verbs = {emulated_init,     emulated_receive, emulated_transmit,
                                             emulated_deadline, emulated_byte_ps, emulated_reset_stamp,
-                                            emulated_window};
+                                            emulated_window,   emulated_sent};
 
 // What the other end of each UART sends at.
 static void set_wires(emulator_t *emulator, mcu_t mcu, const robot_config_t *config) {
@@ -86,6 +90,13 @@ int kernel_emulate(kernel_t *k, int robot, mcu_t mcu, const unicorn_api_t *api, 
     r->nodes[mcu].verbs = &emulated_verbs;
     r->nodes[mcu].app = &r->emulated[mcu];
     return k->report.failed ? KERNEL_ERR_IMAGE : 0;
+}
+
+const uint8_t *kernel_memory(const kernel_t *k, int robot, mcu_t mcu, uint32_t address, size_t size) {
+    const robot_t *r = robot_of(k, robot);
+    bool runs = r != NULL && (unsigned)mcu < MCU_COUNT && r->emulated[mcu].emulator != NULL;
+    return runs && r->nodes[mcu].boots != 0 ? emulator_memory(r->emulated[mcu].emulator, address, size)
+                                            : NULL;
 }
 
 void emulated_free(robot_t *r) {

@@ -162,6 +162,9 @@ int kernel_add_robot(kernel_t *self, const robot_config_t *config);
 /// `api` and `image`, with its bytes, must live as long as the kernel.
 int kernel_emulate(kernel_t *self, int robot, mcu_t mcu, const unicorn_api_t *api, const image_t *image);
 const char *kernel_fault(const kernel_t *self);
+/// The memory of an MCU that runs an image; NULL where it has none, before its first boot, and of native
+/// ones.
+const uint8_t *kernel_memory(const kernel_t *self, int robot, mcu_t mcu, uint32_t address, size_t size);
 
 /// The camera's pictures, taken in turn: `raw` of width * height bytes each, `jpeg` any size. The arrays are
 /// copied, the bytes are not: they must live as long as the kernel.
@@ -196,7 +199,8 @@ int kernel_reset_stamp_clock(kernel_t *self, int robot, mcu_t mcu, uint64_t to_u
 int kernel_reboot(kernel_t *self, int robot, mcu_t mcu, int64_t off_ns);
 int kernel_set_camera_faults(kernel_t *self, int robot, double fail, double hang);
 
-/// Readings and state, for tests and reports. The app pointers stay valid as long as the kernel.
+/// Readings and state, for tests and reports. The app pointers stay valid as long as the kernel; NULL of an
+/// MCU that runs an image.
 uint64_t kernel_local_ns(const kernel_t *self, int robot, mcu_t mcu);
 uint64_t kernel_stamp_us(const kernel_t *self, int robot, mcu_t mcu);
 const stm32_t *kernel_stm32(const kernel_t *self, int robot);
@@ -218,6 +222,8 @@ int kernel_trace(kernel_t *self, int mode);
 uint64_t kernel_trace_hash(const kernel_t *self, int robot, wire_t wire);
 const trace_run_t *kernel_trace_runs(const kernel_t *self, size_t *count);
 const uint8_t *kernel_trace_data(const kernel_t *self, size_t *size);
+/// Forgets the runs that have ended and their bytes; those under way stay whole.
+void kernel_trace_forget(kernel_t *self);
 
 /// Records all calls of this node's verbs from now on, with what they gave: enough to run the same app alone,
 /// in a debugger or on another machine. Before the first kernel_run it begins with CALL_INIT. Every camera

@@ -24,6 +24,13 @@ NATIVE_VERBS(gap8)
 NATIVE_VERBS(esp32)
 
 #define NATIVE_TABLE(mcu)                                                                                    \
-    {mcu##_native_init, mcu##_native_receive, mcu##_native_transmit, mcu##_native_deadline, NULL, NULL, NULL}
+    {mcu##_native_init,                                                                                      \
+     mcu##_native_receive,                                                                                   \
+     mcu##_native_transmit,                                                                                  \
+     mcu##_native_deadline,                                                                                  \
+     NULL,                                                                                                   \
+     NULL,                                                                                                   \
+     NULL,                                                                                                   \
+     NULL}
 
 const node_verbs_t native_verbs[MCU_COUNT] = {NATIVE_TABLE(stm32), NATIVE_TABLE(gap8), NATIVE_TABLE(esp32)};

@@ -17,12 +17,12 @@ uint64_t kernel_stamp_us(const kernel_t *k, int robot, mcu_t mcu) {
 
 const stm32_t *kernel_stm32(const kernel_t *k, int robot) {
     const robot_t *r = robot_of(k, robot);
-    return r == NULL ? NULL : &r->stm32;
+    return r == NULL || r->emulated[MCU_STM32].emulator != NULL ? NULL : &r->stm32;
 }
 
 const gap8_t *kernel_gap8(const kernel_t *k, int robot) {
     const robot_t *r = robot_of(k, robot);
-    return r == NULL ? NULL : &r->gap8;
+    return r == NULL || r->emulated[MCU_GAP8].emulator != NULL ? NULL : &r->gap8;
 }
 
 const esp32_t *kernel_esp32(const kernel_t *k, int robot) {
@@ -75,6 +75,11 @@ uint64_t kernel_trace_hash(const kernel_t *k, int robot, wire_t wire) {
 const trace_run_t *kernel_trace_runs(const kernel_t *k, size_t *count) {
     *count = k->trace.run_count;
     return k->trace.runs;
+}
+
+void kernel_trace_forget(kernel_t *k) {
+    k->trace.run_count = 0;
+    k->trace.size = 0;
 }
 
 const uint8_t *kernel_trace_data(const kernel_t *k, size_t *size) {

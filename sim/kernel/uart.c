@@ -227,9 +227,13 @@ void uart_byte_end(kernel_t *k, robot_t *r, int index) {
     }
     if (line->sender < 0) {
         uart_poll(k, r, index);
-    } else {
-        node_poll(k, r, (mcu_t)line->sender);
+        return;
     }
+    node_t *sender = &r->nodes[line->sender];
+    if (sender->verbs->sent != NULL && sender->up) {
+        sender->verbs->sent(sender->app, line->port, node_local_ns(k, sender));
+    }
+    node_poll(k, r, (mcu_t)line->sender);
 }
 
 void uart_off(kernel_t *k, robot_t *r, mcu_t mcu) {

@@ -51,6 +51,8 @@ typedef struct {
     int64_t (*byte_ps)(void *app, int port);                          ///< NULL: as configured
     void (*reset_stamp)(void *app, uint64_t to_us, int64_t local_ns); ///< NULL: it need not know
     void (*window)(void *app, int64_t local_ns); ///< SPI's, begun by the slave alone; NULL: likewise
+    /// A UART's byte has left, and the ports are asked next; NULL: likewise.
+    void (*sent)(void *app, int port, int64_t local_ns);
 } node_verbs_t;
 
 extern const node_verbs_t native_verbs[MCU_COUNT];

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 Simulator = dict[str, Any]
-"""pid, scenario, and robots: a list of {"port": URL, "wire": "tcp" | "uart2" | "uart1", "firmware": name}."""
+"""pid, scenario, and robots: a list of {"port": URL, "wire": "tcp" | "uart2" | "uart1", "firmware": name,
+"backends": {MCU: "native" | "emulated"}}."""
 
 
 def folder() -> Path:
@@ -28,7 +29,7 @@ def folder() -> Path:
 
 
 @contextlib.contextmanager
-def entered(scenario: str, robots: Sequence[dict[str, str]]) -> Iterator[None]:
+def entered(scenario: str, robots: Sequence[dict[str, Any]]) -> Iterator[None]:
     """This process serves these robots, for as long as the `with` lasts. A folder that cannot be written is no reason
     not to serve."""
     path = None

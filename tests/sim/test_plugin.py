@@ -1,10 +1,13 @@
 """The pytest plugin in projects of other people: one that has its own `sim` and `host`, and one that has not."""
 
 import os
+import shutil
 import subprocess
 import sys
 import textwrap
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -87,6 +90,33 @@ def test_beside_their_own_host_and_sim(tmp_path):
         "-q",
     )
     assert "4 passed" in result.stdout, result.stdout + result.stderr
+
+
+def test_real_images_beside_their_own_host_and_sim(tmp_path):
+    pytest.importorskip("unicorn", reason="Unicorn is not installed")
+    pytest.importorskip("elftools", reason="pyelftools is not installed")
+    if not (shutil.which("arm-none-eabi-gcc") and shutil.which("riscv64-unknown-elf-gcc")):
+        pytest.skip("no compilers for the STM32 and the GAP8")
+    result = run_pytest(
+        tmp_path,
+        {
+            **THEIR_OWN,
+            "test_images.py": """
+                import sim.world as their_world
+
+                def test_robot(spindeck_robot, monkeypatch, tmp_path):
+                    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # so that it is built
+                    robot = spindeck_robot("hover", backend="emulated", toolchain="gcc", seed=7)
+                    assert robot.backends == {"stm32": "emulated", "gap8": "emulated", "esp32": "native"}
+                    assert len(robot.run(seconds=2)) > 10
+                    assert robot.stm32["stamps_sent"] == 200
+                    assert robot.gap8["frames_sent"] > 10
+                    assert their_world.WHOSE == "theirs"
+            """,
+        },
+        "-q",
+    )
+    assert "1 passed" in result.stdout, result.stdout + result.stderr
 
 
 def test_with_ours_imported_first(tmp_path):

@@ -1,0 +1,135 @@
+"""backend=emulated as users meet it: worlds, counters, logs, faults, and what is said when something is missing."""
+
+import importlib.util
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from backend import needs
+
+from host.firmware import toolchains
+from host.firmware.build import build
+from host.firmware.elf import opened, read
+from host.protocol.errors import LocalError, PeerError
+from sim import scenario
+from sim.world import World
+
+SMALL: dict[str, Any] = {"camera_width": 64, "camera_height": 48}
+BREAKPOINT = bytes.fromhex("01be")
+
+
+@pytest.fixture(autouse=True)
+def _needs() -> None:
+    needs()
+
+
+def broken(tmp_path: Path, function: str) -> Path:
+    """The STM32's image with a breakpoint where that function begins."""
+    made = build("stm32")
+    address = next(each.address for each in read(made.elf).functions if each.name == function) & ~1
+    data = bytearray(made.elf.read_bytes())
+    with opened(made.elf) as elf:
+        at = next(iter(elf.address_offsets(address)))
+    data[at : at + 2] = BREAKPOINT
+    path = tmp_path / "broken.elf"
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize("toolchain", ["gcc", "zig"])
+def test_frames_counters_and_truth_are_the_native_ones(toolchain: str) -> None:
+    needs(toolchain)
+
+    def seen(**settings: Any) -> tuple[Any, ...]:
+        with World("lossy", uart2_drop=0.003, crtp_hz=20, seed=5, trace="hash", **SMALL, **settings) as world:
+            robot = world.listen()
+            world.run(6)
+            frames = [(frame.native, bytes(frame.body)) for frame in robot.frames]
+            return frames, robot.stm32, robot.gap8, robot.esp32, world.truth.tolist(), world.trace_hash()
+
+    native = seen()
+    assert len(native[0]) > 20
+    assert native[2]["stamps_missed"] > 20
+    assert seen(backend="emulated", toolchain=toolchain) == native
+
+
+def test_each_robot_has_its_own_backend() -> None:
+    made = scenario.from_url("sim://swarm?robots=3&backend=native,emulated,emulated&camera_width=64&camera_height=48")
+    with World(made, trace="hash") as world:
+        assert [robot.backends["gap8"] for robot in world.robots] == ["native", "emulated", "emulated"]
+        assert [robot.backends["esp32"] for robot in world.robots] == ["native"] * 3
+        assert [sorted(robot.stacks) for robot in world.robots] == [[], ["gap8", "stm32"], ["gap8", "stm32"]]
+        world.run(2)
+        assert all(robot.stm32["stamps_sent"] > 100 for robot in world.robots)
+        assert all(100 < used < 8192 for robot in world.robots for used in robot.stacks.values())
+        mixed = world.trace_hash()
+    with World(made, trace="hash", backend="native") as world:
+        world.run(2)
+        assert world.trace_hash() == mixed
+
+
+def test_counters_before_the_first_boot_are_zero_and_after_a_reboot_start_anew() -> None:
+    with World("hover", backend="emulated", stm32_boot_ms=1000, **SMALL) as world:
+        robot = world.robots[0]
+        world.run(0.5)
+        assert set(robot.stm32.values()) == {0}
+        world.run(1.5)
+        assert robot.stm32["stamps_sent"] == 100
+        robot.reboot("stm32", 0.5)
+        world.run(0.7)
+        assert robot.stm32["stamps_sent"] in (20, 21)
+
+
+def test_a_log_repeats_the_run() -> None:
+    with World("hover", backend="emulated", trace="hash", **SMALL) as world:
+        robot = world.listen()
+        world.run(1.5)
+        robot.reboot("gap8", 0.1)
+        robot.inject("uart1", b"noise")
+        world.run(1.5)
+        with World.replay(world.log) as again:
+            assert again.robots[0].backends == robot.backends
+            assert again.trace_hash() == world.trace_hash()
+
+
+def test_a_fault_ends_the_run_with_registers_pc_and_function(tmp_path: Path) -> None:
+    with World("hover", images={"stm32": broken(tmp_path, "stm32_receive")}, **SMALL) as world:
+        assert world.robots[0].backends == {"stm32": "emulated", "gap8": "native", "esp32": "native"}
+        for _ in range(2):
+            with pytest.raises(PeerError) as error:
+                world.run(2)
+        said = str(error.value)
+        assert said.startswith("robot 0, stm32, 0.0")
+        assert "breakpoint; pc=0x" in said
+        assert " (stm32_receive) " in said
+        assert all(f" {register}=0x" in said for register in ("lr", "sp", "xpsr", "r0", "r12"))
+        assert "(on_usart" in said or "(usart2_handler" in said, "who has called it"
+
+
+def test_an_image_for_another_mcu_is_refused() -> None:
+    with pytest.raises(LocalError, match=r"stm32\.elf is an image for the stm32, not for the gap8"):
+        World("hover", images={"gap8": build("stm32").elf})
+
+
+def test_all_that_is_missing_is_said_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda *_, **__: None)
+    monkeypatch.setattr(toolchains, "zig_program", lambda: None)
+    from sim import unicorn
+
+    unicorn.table.cache_clear()
+    monkeypatch.setitem(sys.modules, "unicorn", None)
+    with pytest.raises(LocalError) as error:
+        World("hover", backend="emulated")
+    said = str(error.value)
+    for hint in ("gcc-arm-none-eabi", "gcc-riscv64-unknown-elf", "spindeck[firmware]", "spindeck[emulator]"):
+        assert hint in said, said
+    assert "\n" not in said
+
+
+def test_a_toolchain_that_is_not_there_is_named() -> None:
+    if importlib.util.find_spec("ziglang"):
+        pytest.skip("zig is here")
+    with pytest.raises(LocalError, match=r"backend=emulated: no compiler for the stm32: install zig"):
+        World("hover", backend="emulated", toolchain="zig")
