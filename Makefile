@@ -24,7 +24,7 @@ $(VENV)/.dependencies: pyproject.toml
 
 $(STAMP): $(VENV)/.dependencies setup.py host/native/build.py $(C_FILES)
 	$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --editable ".[dev]"
-	@# Another client for the tests (GPL). cflib.cpx needs none of its dependencies, of which scipy is the largest.
+	@# Another client for the tests (GPL). cflib.cpx needs none of its dependencies.
 	@$(PY) -m pip install --quiet --disable-pip-version-check --no-deps "cflib==0.1.34" || \
 	  echo "cflib cannot be installed: the tests with it will be skipped"
 	touch $@

@@ -7,7 +7,7 @@ import sys
 from typing import Any
 
 from ..protocol.errors import LocalError
-from . import usd_config
+from . import usd_config, usd_interpolate
 
 FILES = """\
 FILE is a log as it lies on the card: version 2 or 1, or the format of 2019; or a log on a card's image (made with dd),
@@ -69,6 +69,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         each.add_argument("--force", action="store_true", help="overwrite what is there")
     decode.add_argument("--verified-only", action="store_true", help="leave out rows that no good CRC covers")
     usd_config.add_parser(verbs)
+    usd_interpolate.add_parser(verbs)
 
 
 def add_verb(
