@@ -26,8 +26,8 @@ def by_pyfatfs(image: Path, offset: int, names: list[str]) -> dict[str, bytes]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         package = pytest.importorskip("pyfatfs.PyFat", reason="pyfatfs is not installed: pip install pyfatfs")
-    volume = package.PyFat(offset=offset)
-    volume.open(str(image), read_only=True)
+        volume = package.PyFat(offset=offset)
+        volume.open(str(image), read_only=True)
     try:
         found = {}
         for name in names:
