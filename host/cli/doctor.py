@@ -29,7 +29,7 @@ EXAMPLES = """\
 Listens and says where the fault is: camera, GAP8, UART1, STM32, clock, SPI, ESP32, UART2, Wi-Fi or this host, with
 what was seen and what to do; and which stage limits the frame rate. Firmware that speaks native tells most; of a stock
 stream only what reaches the host can be judged. Exit code 4 when something is wrong. Ctrl-C ends it earlier. Nothing
-wrong in less than 10 s is no verdict: healthy is null in JSON then, and after Ctrl-C the exit code is 130.
+wrong in less than 10 s is no verdict: healthy is null in JSON then, and the exit code is 2, or after Ctrl-C 130.
 
 examples:
   host doctor --port socket://192.168.4.1:5000
@@ -64,7 +64,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0: nothing wrong was seen."""
+    """0: nothing wrong was seen, for long enough."""
     from ..link.diagnosis import diagnose
     from . import EXIT_INTERRUPTED
 
@@ -86,6 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
         return EXIT_INTERRUPTED
     if heard.counters.bytes == 0:
         raise PeerSilentError(f"{arguments.port}: not a byte in {heard.seconds:.1f} s")
+    if not verdict:
+        raise LocalError(f"{arguments.port}: {heard.seconds:.1f} s is too short for a verdict: at least {VERDICT_S:g} s")
     return 0 if diagnosis.healthy else EXIT_ILL
 
 

@@ -90,7 +90,7 @@ def test_ctrl_c_ends_the_listening_and_not_the_diagnosis(tmp_path: Path) -> None
     ("seconds", "stopped", "settings", "code", "says"),
     [
         (3, True, "", 130, "no verdict  nothing wrong was seen, and 3.1 s is too short"),
-        (3, False, "", 0, "no verdict  nothing wrong was seen, and 3.1 s is too short"),
+        (3, False, "", 2, "no verdict  nothing wrong was seen, and 3.1 s is too short"),
         (12, True, "", 0, "healthy"),
         (3, True, "&uart1_loss=0.9", 4, "problem     UART1"),
         (3, True, "&camera_fps=0", 3, "problem     camera"),
@@ -105,8 +105,9 @@ def test_too_short_for_a_verdict(
     monkeypatch.setattr(doctor, "listen", lambda arguments: (listen(arguments)[0], stopped))
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
     assert main(["doctor", "--port", f"sim://hover?{SMALL}{settings}", "--duration", str(seconds)]) == code
-    out = capsys.readouterr().out
+    out, err = capsys.readouterr()
     assert says in out
+    assert ("too short" in err) == (code == 2)
     assert ("healthy" in out) == (says == "healthy")
 
 
