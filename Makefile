@@ -38,6 +38,9 @@ fast: $(STAMP)
 	$(PY) -m pytest -q
 
 lint: $(STAMP)
+	@# pytest imports test files by their name alone.
+	@! ls tests/test_*.py tests/*/test_*.py | xargs -n1 basename | sort | uniq -d | grep . || \
+	  { echo "two test files of this name: pytest takes only one"; exit 1; }
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy

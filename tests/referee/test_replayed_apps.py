@@ -4,7 +4,7 @@ QEMU shares nothing with the project's emulator: no CPU model, no peripheral, no
 recording of all calls that each app got in simulated runs with faults, linked into the image; what it answers comes out
 of a UART, and every byte of that is compared. By hand, with any scenario and keys:
 
-    python tests/referee/test_replay.py gap8 lossy 2 seed=7 gap8_ppm=80
+    python tests/referee/test_replayed_apps.py gap8 lossy 2 seed=7 gap8_ppm=80
 """
 
 import functools
