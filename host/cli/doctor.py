@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     if heard.counters.bytes == 0:
         raise PeerSilentError(f"{arguments.port}: not a byte in {heard.seconds:.1f} s")
     if not verdict:
-        raise LocalError(f"{arguments.port}: {heard.seconds:.1f} s is too short for a verdict: at least {VERDICT_S:g} s")
+        raise LocalError(f"{arguments.port}: {heard.seconds:.1f} s is too short for a verdict: {VERDICT_S:g} are not")
     return 0 if diagnosis.healthy else EXIT_ILL
 
 

@@ -164,7 +164,8 @@ def read(
         if not why and not stop.is_set() and (arguments.count or arguments.duration):
             why = "the recording has ended before all that was wanted had come"
         if why:
-            robot.error = ConnectionLostError(f"{robot.port}: {why}, after {robot.stream.counters.frames} frames")
+            frames = robot.stream.counters.frames
+            robot.error = ConnectionLostError(f"{robot.port}: {why}{f', after {frames} frames' * bool(frames)}")
     except Exception as error:  # handed to the main thread, which raises it
         robot.error = error
     finally:

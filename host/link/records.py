@@ -348,6 +348,8 @@ class SessionCounters:
     """By cause: a key of LOSS_CAUSES. Each lost frame is in exactly one; only `unexplained` may shrink, when the
     ESP32's next status explains it."""
     garbage_bytes: int = 0
+    cut_bytes: int = 0
+    """Of garbage_bytes: the beginning of a packet whose rest never came, as the connection, or a recording, ended."""
     bad_version: int = 0
     unknown_function: int = 0
     stray_packets: int = 0

@@ -72,8 +72,8 @@ def silence(heard: Listening) -> Iterator[Finding]:
         evidence = f"it ended {times(len(heard.ends))} before a byte had come: {heard.ends[-1][1]}"
         todo = "End the other program: an AI-deck serves one client at a time. Nobody else? Restart the deck."
         yield Finding("Wi-Fi", "problem", "another_client", "the robot takes no connection from here", evidence, todo)
-    elif counters.garbage_bytes > counters.bytes / 2:
-        evidence = f"{counters.garbage_bytes} of {counters.bytes} bytes are no part of a packet"
+    elif garbage(heard) > counters.bytes / 2:
+        evidence = f"{garbage(heard)} of {counters.bytes} bytes are no part of a packet"
         todo = "Check --baud and --framing. 'host dissect' shows single bytes."
         yield Finding("host", "problem", "not_understood", "what comes is read in the wrong way", evidence, todo)
     elif not heard.frames and heard.framing != "stamps" and not heard.broken:
@@ -140,7 +140,7 @@ def time_wire(heard: Listening) -> Iterator[Finding]:
     tap = heard.framing == "stamps"
     received = heard.stamps if tap else grown["stamps_received"]
     missed = heard.stamps_missed if tap else grown["stamps_missed"]
-    bad = heard.counters.bad_check + heard.counters.garbage_bytes if tap else grown["stamps_bad"]
+    bad = heard.counters.bad_check + garbage(heard) if tap else grown["stamps_bad"]
     bad = max(0, bad - STAMP_BYTES * (heard.stm32_restarts + heard.gap8_restarts))  # cut in the middle
     told = len(heard.frames) if heard.spoken in ("paper", "nanocockpit") else len(numbered)
     if not tap and told >= 2 and heard.never_stamped == told:
@@ -208,7 +208,7 @@ def spi(heard: Listening) -> Iterator[Finding]:
     # A frame that is under way when an MCU restarts is lost to that. Behind SPI is TCP, whose checksums let nothing
     # through: without garbage the damage is older.
     excused = heard.gap8_restarts + heard.gap8_forgot + len(heard.ends)
-    lost = max(cut, 0 if heard.counters.garbage_bytes else sum(broken.values())) - excused
+    lost = max(cut, 0 if garbage(heard) else sum(broken.values())) - excused
     if sum(errors) + max(0, lost) >= 2:
         evidence = f"{errors[0]} bad windows at the GAP8, {errors[1]} at the ESP32, {cut} frames cut short there"
         evidence += "".join(f", {number} {cause} here" for cause, number in broken.items())
@@ -228,7 +228,7 @@ def spi(heard: Listening) -> Iterator[Finding]:
 def uart2(heard: Listening) -> Iterator[Finding]:
     names = ("uart_bad_check", "uart_bad_length", "uart_garbage_bytes", "uart_gaps")
     ours = heard.counters
-    at_host = ours.bad_check + ours.bad_length + ours.gaps + ours.garbage_bytes if heard.framing == "cpx-uart" else 0
+    at_host = ours.bad_check + ours.bad_length + ours.gaps + garbage(heard) if heard.framing == "cpx-uart" else 0
     counted = {name: heard.esp32.grown[name] for name in names if heard.esp32.grown[name]}
     if counted or at_host:
         evidence = ", ".join(f"{number} {name}" for name, number in counted.items()) + " at the ESP32" * bool(counted)
@@ -243,7 +243,7 @@ def uart2(heard: Listening) -> Iterator[Finding]:
 
 
 def wireless(heard: Listening) -> Iterator[Finding]:
-    ours, theirs = heard.counters.garbage_bytes, heard.esp32.grown["tcp_skipped_bytes"]
+    ours, theirs = garbage(heard), heard.esp32.grown["tcp_skipped_bytes"]
     if heard.framing != "tcp":
         return
     if (ours or theirs) and ours <= heard.counters.bytes / 2:
@@ -310,6 +310,11 @@ def times(number: int) -> str:
 
 def count(heard: Listening, cause: str) -> int:
     return heard.counters.frames_lost.get(cause, 0)
+
+
+def garbage(heard: Listening) -> int:
+    """Bytes. A packet that was under way when the connection, or a recording, ended is none."""
+    return heard.counters.garbage_bytes - heard.counters.cut_bytes
 
 
 def capture_period_us(heard: Listening) -> float:

@@ -85,6 +85,7 @@ class Session:
         self._pairs_lost = 0
         self._pairs_lost_gap8: tuple[int, int] | None = None
         self._finished = False
+        self._cut_bytes = 0
         changes_rule = framing == "tcp" and dialect not in ("auto", "stock")
         self.expected = Expected(dialect, Session(framing, "stock") if changes_rule else None)
 
@@ -117,9 +118,16 @@ class Session:
         self._finished = True
         arrival = arrival_host_ns if arrival_host_ns is not None else self._heard_ns or 0
         events: list[Event] = []
-        while lib.stream_finish(self._stream):
+        stream = self._stream
+        on_line = stream.uart.rx_fill - stream.uart.rx_taken + stream.stamps.fill
+        garbage_bytes, hunting = stream.garbage_bytes, stream.hunting
+        while lib.stream_finish(stream):
             self._collect(events, arrival)
         self._collect(events, arrival)
+        if self.framing != "tcp":
+            self._cut_bytes = on_line
+        elif not hunting:
+            self._cut_bytes = stream.garbage_bytes - garbage_bytes
         return events
 
     def request_camera(self, settings: CameraSettings) -> None:
@@ -197,6 +205,7 @@ class Session:
         """What was counted so far."""
         counters = assemble.counters(self._stream)
         counters.frames = self._frames - self._first_index
+        counters.cut_bytes = self._cut_bytes
         lost = self._lost + self._numbers.lost + self._ids.lost
         counters.frames_lost = {cause: lost[cause] for cause in LOSS_CAUSES}
         counters.renumbered = self._numbers.renumbered

@@ -112,6 +112,7 @@ def test_too_short_for_a_verdict(
 
 
 def test_a_connection_that_ends_is_made_again(capsys: pytest.CaptureFixture[str]) -> None:
+    """What it cuts off in the middle of a packet is no damage."""
     header = bytes.fromhex("0d006305bc0400030001000c000000")
     frame = header + b"\x0e\x00\x63\x05" + bytes(12)
     server = socket.create_server(("127.0.0.1", 0))
@@ -120,7 +121,7 @@ def test_a_connection_that_ends_is_made_again(capsys: pytest.CaptureFixture[str]
         for _ in range(3):
             connection, _ = server.accept()
             with connection:
-                connection.sendall(frame * 3)
+                connection.sendall(frame * 3 + frame[:10])
         server.close()
 
     thread = threading.Thread(target=robot)
@@ -132,7 +133,9 @@ def test_a_connection_that_ends_is_made_again(capsys: pytest.CaptureFixture[str]
     assert found["frames"] == 9
     findings = found["findings"]
     assert isinstance(findings, list)
-    assert ("Wi-Fi", "connection_ends") in [(each["stage"], each["cause"]) for each in findings]
+    assert [(each["stage"], each["cause"]) for each in findings if each["severity"] != "note"] == [
+        ("Wi-Fi", "connection_ends")
+    ]
 
 
 def test_a_robot_that_has_another_client_is_not_flooded(

@@ -12,9 +12,10 @@ from host.cli import main
 from host.link import recording
 from host.link import stream as stream_module
 from host.link.records import Event, Frame, LostFrame, State
+from host.link.replay import Recording
 from host.link.replay_url import to_url
 from host.link.serial.protocol_replay import Serial
-from host.link.session import Session
+from host.link.session import Framing, Session
 from host.link.stream import Stream
 from host.protocol.errors import PeerSilentError
 
@@ -54,6 +55,13 @@ class Script:
         self.connections.pop(0)
         self.ended = ""
         return self, Session("tcp", "stock", first_index)
+
+
+def recorded(path: Path) -> bytes:
+    """All that its robot sent."""
+    with contextlib.closing(Recording(str(path))) as recording:
+        reads = recording.reads(recording.source(0))
+        return b"".join(bytes(data) for _, data in reads if not isinstance(data, str))
 
 
 def live(path: Path, connections: list[list[bytes]]) -> tuple[Stream, list[Event]]:
@@ -137,6 +145,39 @@ def test_the_seam_of_a_loop_is_no_loss(tmp_path: Path, frames: list[bytes]) -> N
         assert sum(stream.counters.frames_lost.values()) == 0
         assert stream.counters.garbage_bytes == stream.counters.renumbered == 0
         assert stream.reconnects == 0
+
+
+@pytest.mark.parametrize("wire", ["tcp", "uart2", "uart1"])
+def test_a_packet_that_the_end_cuts_off_is_told_from_damage(tmp_path: Path, wire: str) -> None:
+    path = tmp_path / "whole.mcap"
+    record(path, f"sim://hover?pace=max&seed=5&camera_width=64&camera_height=48&wire={wire}", frames=1)
+    data = recorded(path)
+    framing: Framing = {"tcp": "tcp", "uart2": "cpx-uart", "uart1": "stamps"}[wire]  # type: ignore[assignment]
+    for cut in range(len(data) - 200, len(data)):
+        session = Session(framing)
+        session.receive(data[:cut], 1)
+        session.finish()
+        assert session.counters.cut_bytes == session.counters.garbage_bytes <= cut
+    session = Session(framing)
+    session.receive(data + bytes([7]) * 2000, 1)
+    session.finish()
+    assert session.counters.garbage_bytes - session.counters.cut_bytes > 1900
+
+
+@pytest.mark.parametrize("scenario", ["hover", "paper", "nanocockpit"])
+@pytest.mark.parametrize("cut", [1, 3, 700, 1500])
+def test_who_is_not_told_of_seams_gets_whole_packets(tmp_path: Path, scenario: str, cut: int) -> None:
+    """Of every firmware, in a loop."""
+    path, broken = tmp_path / "whole.mcap", tmp_path / "broken.mcap"
+    record(path, f"sim://{scenario}?pace=max&seed=5", frames=2)
+    data = recorded(path)
+    end = len(data) - cut
+    record_reads(broken, [(S + at, data[at : min(at + 1000, end)]) for at in range(0, end, 1000)])
+    session = Session("tcp")
+    with contextlib.closing(Serial(to_url(str(broken), pace="max", loop=1))) as replay:
+        while session.counters.frames < 4:
+            session.receive(replay.read(1 << 16), replay.clock_ns())
+    assert session.counters.garbage_bytes == 0
 
 
 @pytest.mark.parametrize("wire", ["uart2", "uart1"])

@@ -15,6 +15,7 @@ from typing import Any, Literal, cast
 
 from serial.serialutil import PortNotOpenError, SerialBase, SerialException, to_bytes
 
+from ...native import lib
 from ...protocol.errors import LocalError
 from ..dialects import Dialect
 from ..replay import Joint, Recording
@@ -26,6 +27,9 @@ SLEEP_S = 0.05
 PAUSE_NS = NS // 10
 """Between two rounds of a loop: long enough for a packet that stopped half-way to be given up."""
 PACKET_MAX = 4096
+HEADER = struct.Struct("<HxB")
+"""Length and function; between them the targets."""
+FUNCTION_MASK = 0x3F
 
 Seam = Literal["", "connection", "loop"]
 """What is read next begins anew: the robot was connected again, or the recording begins again."""
@@ -43,12 +47,14 @@ class PacketEnds:
     def whole(self, data: memoryview) -> memoryview:
         self.kept += data
         at = 0
-        while not self.lost and at + 2 <= len(self.kept):
-            (length,) = struct.unpack_from("<H", self.kept, at)
-            self.lost = not 2 <= length <= PACKET_MAX
-            if self.lost or at + 2 + length > len(self.kept):
+        while not self.lost and at + HEADER.size <= len(self.kept):
+            length, function = HEADER.unpack_from(self.kept, at)
+            # NanoCockpit alone sends this function, and its length leaves out the route.
+            size = length + (4 if function & FUNCTION_MASK == lib.CPX_STREAMER else 2)
+            self.lost = not HEADER.size <= size <= PACKET_MAX
+            if self.lost or at + size > len(self.kept):
                 break
-            at += 2 + length
+            at += size
         if self.lost:
             at = len(self.kept)
         ready = bytes(self.kept[:at])
