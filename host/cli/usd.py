@@ -7,7 +7,7 @@ import sys
 from typing import Any
 
 from ..protocol.errors import LocalError
-from . import usd_config, usd_interpolate
+from . import usd_config, usd_interpolate, usd_plot
 
 FILES = """\
 FILE is a log as it lies on the card: version 2 or 1, or the format of 2019; or a log on a card's image (made with dd),
@@ -53,8 +53,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     """Declares the command, its subcommands and their options."""
     this = commands.add_parser(
         "usd",
-        help="read, check and repair logs of the µSD card",
-        description="Read, check and repair logs of the µSD card.",
+        help="read, check, repair and plot logs of the µSD card",
+        description="Read, check, repair and plot logs of the µSD card, and check what they are configured with.",
     )
     verbs = this.add_subparsers(dest="verb", metavar="VERB", title="verbs", required=True)
     info = add_verb(verbs, "info", run_info, "say what is in a log", INFO_EXAMPLES)
@@ -70,6 +70,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     decode.add_argument("--verified-only", action="store_true", help="leave out rows that no good CRC covers")
     usd_config.add_parser(verbs)
     usd_interpolate.add_parser(verbs)
+    usd_plot.add_parser(verbs)
 
 
 def add_verb(

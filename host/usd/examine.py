@@ -44,6 +44,8 @@ class Hole:
 class Drop:
     """Rows that the logger had no room for, between two status rows."""
 
+    epoch: int
+    """Of the second."""
     from_us: int
     to_us: int
     rows: int
@@ -118,13 +120,19 @@ def examine(log: Log) -> Findings:
 def find_holes(name: str, epoch: int, stamps: Any, steps: Any) -> list[Hole]:
     if len(steps) < 10:
         return []
-    usual = float(np.median(steps))
-    if usual <= 0 or (np.abs(steps - usual) < WITHIN * usual).mean() < REGULAR:
+    if not is_regular(steps):
         return []
+    usual = float(np.median(steps))
     return [
         Hole(name, epoch, int(stamps[at]), int(stamps[at + 1]), round(float(steps[at]) / usual) - 1)
         for at in np.flatnonzero(steps > HOLE_INTERVALS * usual)
     ]
+
+
+def is_regular(steps: Any) -> bool:
+    """Do rows with these intervals come with a period?"""
+    usual = float(np.median(steps))
+    return usual > 0 and bool((np.abs(steps - usual) < WITHIN * usual).mean() >= REGULAR)
 
 
 def find_period(name: str, rows: Rows) -> Period | None:
@@ -165,11 +173,15 @@ def coherence(stamps: Any, rate: float) -> float:
 def read_status_rows(rows: Rows | None) -> tuple[Counters | None, tuple[Drop, ...]]:
     if rows is None or not rows.is_verified.any():
         return None, ()
-    data, stamps = rows.data[rows.is_verified], rows.stamp_us[rows.is_verified]
+    good = rows.is_verified
+    data, stamps, epochs = rows.data[good], rows.stamp_us[good], rows.epoch[good]
     last = data[-1]
     counters = Counters(
         *(int(last[name]) for name in ("requested", "accepted", "dropped", "stall_us", "syncs", "errors"))
     )
     more = np.diff(data["dropped"].astype(np.int64), prepend=0)
-    drops = tuple(Drop(int(stamps[max(at - 1, 0)]), int(stamps[at]), int(more[at])) for at in np.flatnonzero(more > 0))
+    drops = tuple(
+        Drop(int(epochs[at]), int(stamps[max(at - 1, 0)]), int(stamps[at]), int(more[at]))
+        for at in np.flatnonzero(more > 0)
+    )
     return counters, drops

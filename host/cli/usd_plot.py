@@ -1,0 +1,129 @@
+"""`host usd plot`: a picture of a log's variables over time, with what is missing in it."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..protocol.errors import LocalError
+
+if TYPE_CHECKING:
+    from ..usd.log import Log
+    from ..usd.plot import Curve
+
+EXAMPLES = """\
+NAME is a variable, as stateEstimate.x, or a group, as gyro, all of whose variables share a panel; TYPE:NAME where
+several types of rows have it, as estPose:locSrv.x. Names joined by commas share a panel. OUT ends in .svg or .png.
+
+Holes, rows that the logger dropped, rows that no good CRC covers, and resets of the clock are marked. Rows that do not
+come regularly are dots. The range of a panel is that of its verified rows; others that are far off lie on its border.
+
+examples:
+  host usd plot log00 stateEstimate.x gyro.z -o flight.svg
+  host usd plot log00 stateEstimate.x,stateEstimate.y gyro pm.vbatMV -o flight.png
+  host usd plot log00 acc --from-us 12400000 --to-us 12900000 -o takeoff.svg
+"""
+
+
+def add_parser(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declares the verb and its options."""
+    this = verbs.add_parser(
+        "plot",
+        help="draw variables over time, with holes, drops and resets",
+        description="Draw variables of a log over time, with its holes, drops and resets of the clock.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    this.add_argument("file", metavar="LOG", help="a log")
+    this.add_argument("names", metavar="NAME", nargs="+", help="a variable, or a group of them")
+    this.add_argument("-o", "--output", metavar="OUT", required=True, help="the picture: .svg or .png")
+    this.add_argument("--from-us", metavar="US", help="begin here, on the stamp clock")
+    this.add_argument("--to-us", metavar="US", help="end here")
+    this.add_argument("--force", action="store_true", help="overwrite what is there")
+    this.add_argument("--json", action="store_true", help="JSON lines on stdout")
+    this.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Draws the picture; 4 if nothing of the log can be read."""
+    from ..usd import drawing
+    from ..usd.plot import CURVES_MAX, PANELS_MAX, plot
+    from .as_json import line
+    from .usd import load, raise_nothing, warn
+    from .usd_config import counted
+    from .usd_report import state
+    from .usd_tables import new_file
+
+    writers = {".svg": drawing.svg, ".png": drawing.png}
+    write = writers.get(Path(arguments.output).suffix.lower())
+    if write is None:
+        raise LocalError(f"{arguments.output}: its ending chooses the format: {', '.join(writers)}")
+    first, last = bound(arguments.from_us, "--from-us", -math.inf), bound(arguments.to_us, "--to-us", math.inf)
+    log, findings = load(arguments.file)
+    if not log.row_count:
+        raise_nothing(arguments.file, log)
+    try:
+        panels = [[curve for name in names.split(",") for curve in curves(log, name)] for names in arguments.names]
+        if len(panels) > PANELS_MAX:
+            raise LocalError(f"{len(panels)} panels, and {PANELS_MAX} fit: join some names by commas")
+        if len(most := max(panels, key=len)) > CURVES_MAX:
+            raise LocalError(f"{len(most)} variables in one panel, and {CURVES_MAX} fit: name some of them")
+        title = f"{Path(arguments.file).name}: {log.row_count} rows, {state(log)}"
+        width, height, shapes = plot(log, findings, panels, title, first, last)
+    except LocalError as error:
+        raise LocalError(f"{arguments.file}: {error}") from error
+    with new_file(arguments.output, arguments.force) as file:
+        file.write(write(width, height, shapes))
+    drawn = [[curve.variable for curve in panel] for panel in panels]
+    if arguments.json:
+        print(line({"event": "plotted", "file": arguments.file, "output": arguments.output, "panels": drawn}))
+    else:
+        print(f"{arguments.output}: {counted(sum(map(len, drawn)), 'variable')} in {counted(len(drawn), 'panel')}")
+    warn(arguments.file, log)
+    return 0
+
+
+def bound(text: str | None, option: str, otherwise: float) -> float:
+    from ..protocol.typed import real
+
+    try:
+        return otherwise if text is None else real(text)
+    except ValueError as error:
+        raise LocalError(f"{option} {text}: microseconds of the stamp clock, as 12400000") from error
+
+
+def curves(log: Log, asked: str) -> list[Curve]:
+    """The variables that a name means. LocalError when there are none, or of several types."""
+    from ..usd.plot import Curve
+
+    of_type, _, name = asked.rpartition(":")
+    if not name:
+        raise LocalError(f"{asked or ','}: a name is empty: write variables or groups, apart by single commas")
+    if of_type and of_type not in log.rows:
+        raise LocalError(f"{asked}: no type of rows {of_type} in it{near(of_type, list(log.rows))}")
+    found = [
+        Curve(rows, each.name)
+        for rows in log.rows.values()
+        if not of_type or rows.type.name == of_type
+        for each in rows.type.variables
+        if name in (each.name, each.name.rpartition(".")[0])
+    ]
+    types = sorted({curve.rows.type.name for curve in found})
+    if len(types) > 1:
+        raise LocalError(f"{asked}: in several types of rows: write {' or '.join(f'{each}:{name}' for each in types)}")
+    if found and not len(found[0].rows):
+        raise LocalError(f"{asked}: the log has no rows of {types[0]}")
+    if not found:
+        there = {each.name for rows in log.rows.values() for each in rows.type.variables}
+        groups = {each.rpartition(".")[0] for each in there} - {""}
+        raise LocalError(f"no variable {asked} in it{near(name, sorted(there | groups))}")
+    return found
+
+
+def near(name: str, there: list[str]) -> str:
+    same = [each for each in there if each.lower() == name.lower()]
+    found = same or difflib.get_close_matches(name, there, n=3, cutoff=0.6)
+    return f": did you mean {' or '.join(found)}?" if found else ": 'host usd info' lists what there is"
