@@ -11,6 +11,10 @@ from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).resolve().parent / "usd"))
+
+from logs import FIXED, STATUS, TYPES, Writer
+
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -121,21 +125,35 @@ def test_decks_and_captures(command: str, tmp_path: Path) -> None:
     assert result.stdout
 
 
-SMALLEST_LOG = bytes.fromhex(
-    "bc02000100ffff66697865644672657175656e63790001006163632e7828662900ffffe80300000000000000 00803fca92181e"
-)
+POSE = ["x", "y", "z", "qx", "qy", "qz", "qw"]
+VALUES = [*(f"stateEstimate.{name}(f)" for name in POSE), *(f"gyro.{axis}(f)" for axis in "xyz")]
+LOGGED = {FIXED: ("fixedFrequency", VALUES), STATUS: TYPES[STATUS]}
+
+
+def small_log() -> bytes:
+    """From 0.6 to 1.6 s, at 500 Hz."""
+    log = Writer(session=1, types=dict(LOGGED), start=600_000)
+    for number in range(500):
+        log.row(FIXED, 600_000 + 2000 * number, number / 100, 0, 1, 0, 0, 0, 1, 0, 0, number)
+    return log.close()
 
 
 @pytest.mark.parametrize("command", re.findall(r"^\.venv/bin/host (usd .*)$", README, re.MULTILINE))
 def test_logs(command: str, tmp_path: Path) -> None:
-    """Every `host usd` line, on a log with one row, and on a card with it."""
-    (tmp_path / "log00").write_bytes(SMALLEST_LOG)
+    """Every `host usd` line, on a small log, on a card with it, and with a recording of the same time."""
+    (tmp_path / "log00").write_bytes(small_log())
+    (tmp_path / "config.txt").write_text("1\n4096\nlog\n0\non:fixedFrequency\n500\n1\nstateEstimate.x\ngyro.z\n")
+    if "flight1.mcap" in command:
+        made = host(
+            "stream", "--port", "sim://hover?pace=max", "--count", "5", "--record", "flight1.mcap", cwd=tmp_path
+        )
+        assert made.returncode == 0, made.stderr
     if "card.img" in command:
         pytest.importorskip("fatfs", reason="fatfs-ng is not installed: pip install 'spindeck[card]'")
         from sim.card import Card
 
         card = Card(16)
-        card.put("log00", SMALLEST_LOG)
+        card.put("log00", small_log())
         card.save(str(tmp_path / "card.img"))
     result = host(*shlex.split(command, comments=True), cwd=tmp_path)
     assert result.returncode == 0, result.stderr

@@ -33,8 +33,7 @@ exit codes:
   2    wrong arguments, or a port, file or scenario that cannot be used: the message says what to do
   3    the robot, or a part of it, is silent
   4    the robot has refused, or has sent what makes no sense; of host doctor: something is wrong; of host usd: a log
-       that cannot be read, or is not whole, or a config.txt with errors;
-       times that it does not answer
+       that cannot be read, is not whole, or has no answer; a config.txt with errors
   5    the connection ended before all that was wanted had come
   130  stopped with Ctrl-C before it was done
 """

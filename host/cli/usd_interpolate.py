@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from ..protocol.errors import LocalError, PeerError
+from ..protocol.errors import LocalError
 
 if TYPE_CHECKING:
     from ..usd.interpolate import Poses
@@ -77,15 +77,14 @@ def run(arguments: argparse.Namespace) -> int:
     """0, or 4 if no time has an answer."""
     import numpy as np
 
-    from ..usd.decode import decode
-    from ..usd.files import read_log
     from ..usd.interpolate import interpolate
     from ..usd.track import read_track
+    from .usd import load, raise_nothing, warn, warn_of_card
     from .usd_times import read_times
 
-    log = decode(read_log(arguments.file))
+    log, _ = load(arguments.file, examined=False)
     if not log.row_count:
-        raise PeerError(f"{arguments.file}: no rows: {log.damages[0].why if log.damages else 'the log is empty'}")
+        raise_nothing(arguments.file, log)
     try:
         track = read_track(log, arguments.source)
     except LocalError as error:
@@ -110,6 +109,8 @@ def run(arguments: argparse.Namespace) -> int:
         unverified=arguments.unverified,
     )
     write(poses, times, arguments.json)
+    warn_of_card(arguments.file)
+    warn(arguments.file, log)
     return report(poses, times, track.name)
 
 

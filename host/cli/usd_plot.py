@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ..usd import drawing
     from ..usd.plot import CURVES_MAX, PANELS_MAX, plot
     from .as_json import line
-    from .usd import load, raise_nothing, warn
+    from .usd import load, raise_nothing, warn, warn_of_card
     from .usd_config import counted
     from .usd_report import state
     from .usd_tables import new_file
@@ -82,6 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(line({"event": "plotted", "file": arguments.file, "output": arguments.output, "panels": drawn}))
     else:
         print(f"{arguments.output}: {counted(sum(map(len, drawn)), 'variable')} in {counted(len(drawn), 'panel')}")
+    warn_of_card(arguments.file)
     warn(arguments.file, log)
     return 0
 
