@@ -149,7 +149,7 @@ def from_hex(text: str, name: str) -> bytes:
     for number, whole in enumerate(text.splitlines(), 1):
         digits = re.sub(r"#.*", "", whole)
         digits = re.sub(r"^\s*[0-9a-fA-F]{4,}:(.*?)(  .*)?$", r"\1", digits)
-        if barred := re.match(r"^[0-9a-fA-F]{7,8}  (.*)\|.*\|\s*$", whole):
+        if barred := re.match(r"^[0-9a-fA-F]{7,8}  ([^|]*)\|.*\|\s*$", whole):
             digits, hexdump = barred[1], True
         elif hexdump and re.match(r"^[0-9a-fA-F]{7,8}\s*$", whole):
             continue  # its end: the size

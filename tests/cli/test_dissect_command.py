@@ -36,7 +36,7 @@ def test_a_frame_of_the_protocol_page() -> None:
         "FF040A04\n2001D4",
         "0xff, 0x04, 0x0a, 0x04, 0x20, 0x01, 0xd4  # connect\n",
         "00000000: ff04 0a04 2001 d4                        .... ..\n",
-        "00000000  ff 04 0a 04 20 01 d4                              |.... ..|\n00000007\n",
+        "00000000  ff 04 0a 04 20 01 d4                              |.|.. ..|\n00000007\n",
     ],
 )
 def test_hexadecimal_text(text: str, tmp_path: Path) -> None:
