@@ -8,6 +8,7 @@ BRR/16 with 16-fold oversampling (RM0090, 30.3.4): 115200 Bd is asked for and 36
 from __future__ import annotations
 
 import math
+import zlib
 from typing import Any
 
 from host.native import ffi, lib
@@ -136,8 +137,13 @@ def check_body(camera: Camera) -> None:
         )
 
 
-def robot_config(robot: RobotSettings) -> Any:
-    """robot_config_t."""
+def log_seed(seed: int, index: int) -> int:
+    """Of the sessions of a robot's logs, in the place of its MCU's unique id."""
+    return zlib.crc32(b"%d robot %d" % (seed, index))
+
+
+def robot_config(robot: RobotSettings, seed: int = 0, index: int = 0) -> Any:
+    """robot_config_t, of the robot of that number in a world of that seed."""
     check_body(robot.camera)
     camera = robot.camera
     on_uart2 = robot.wire == "uart2"
@@ -153,6 +159,7 @@ def robot_config(robot: RobotSettings) -> Any:
             "wifi_mode": 0 if on_uart2 or nanocockpit else ACCESS_POINT,
             "wifi_ssid": WIFI_NAME,
             "crtp_period_us": round(1e6 / robot.crtp.hz) if robot.crtp.hz else 0,
+            "log": {"seed": log_seed(seed, index)},
         },
         "gap8": {
             "width": camera.width if camera.fps else 0,

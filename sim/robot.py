@@ -13,6 +13,7 @@ from host.protocol.errors import LocalError
 from . import configure, emulated, scenario
 from .images import Image
 from .settings import RobotSettings, Scalar, Wire
+from .storage import Storage, Store
 
 if TYPE_CHECKING:
     from .world import World
@@ -24,7 +25,7 @@ UART2_COUNTERS = [
     *["uart2.bad_length", "uart2.bad_version", "uart2.garbage_bytes", "uart2.gaps"],
 ]
 COUNTERS = {
-    "stm32": ["stamps_sent", "stamps_late", "packets_dropped", "packets_unknown", *UART2_COUNTERS],
+    "stm32": ["stamps_sent", "stamps_late", "packets_dropped", "packets_unknown", "crtp_ignored", *UART2_COUNTERS],
     "gap8": [
         *["frame", "frames_sent", "frames_unsent", "captures_failed", "captures_late"],
         *["stamp_rx.received", "stamp_rx.bad_check", "stamp_rx.garbage_bytes", "stamps_missed", "pairs_lost"],
@@ -37,6 +38,18 @@ COUNTERS = {
     ],
 }
 """The apps' counters by the names in their structs; a dot becomes an underscore."""
+LOG_STATUS = ["off", "starts", "on", "closes", "no card", "no config", "bad config", "no name", "full", "failed"]
+"""By stm32_log_status_t."""
+LOG_COUNTERS = {
+    "status": "log.status",
+    "files": "log.files",
+    "config_errors": "log.config.errors",
+    "config_warnings": "log.config.warnings",
+    **{
+        name: f"log.log.counters.{name}"
+        for name in ("requested", "accepted", "dropped", "stall_us", "syncs", "errors", "session")
+    },
+}
 WIRE_COUNTERS = ["bytes", "units", "lost", "duplicated", "reordered", "dropped", "flipped", "stalls", "overflowed"]
 FAULTS = {field.name for field in dataclasses.fields(Wire)} | {"duplicate", "reorder"}
 DURATION_S_MAX = 3600
@@ -98,6 +111,16 @@ class Robot:
                 self.world.did_write(self.index, bytes(data[:count]))
             return count
 
+    # Its card.
+
+    def set_storage(self, store: Store) -> None:
+        """The STM32 has this for a card, from now on; best before it boots, as that is when it looks for one."""
+        with self.world.lock:
+            storage = Storage(store)
+            if lib.kernel_set_storage(self.world.kernel, self.index, lib.storage_request, storage.handle) < 0:
+                raise LocalError(f"robot {self.index} is using its card now: put another in before the STM32 boots")
+            self.world.storages.append(storage)
+
     # What its parts have counted.
 
     @property
@@ -108,20 +131,27 @@ class Robot:
     @property
     def stm32(self) -> dict[str, int]:
         """Counters since the STM32's last boot, by their names in firmware/stm32/app.h."""
-        return self._app("stm32", lib.kernel_stm32)
+        return self._app("stm32", lib.kernel_stm32, COUNTERS["stm32"])
+
+    @property
+    def log(self) -> dict[str, int | str]:
+        """Of the log on the STM32's card: its status, files since boot, errors and warnings of config.txt, and the
+        counters of the present file, or of the last."""
+        counts = self._app("stm32", lib.kernel_stm32, list(LOG_COUNTERS.values()))
+        named: dict[str, int | str] = {name: counts[of.replace(".", "_")] for name, of in LOG_COUNTERS.items()}
+        return {**named, "status": LOG_STATUS[int(named["status"])]}
 
     @property
     def gap8(self) -> dict[str, int]:
         """Likewise, firmware/gap8/app.h."""
-        return self._app("gap8", lib.kernel_gap8)
+        return self._app("gap8", lib.kernel_gap8, COUNTERS["gap8"])
 
     @property
     def esp32(self) -> dict[str, int]:
         """Likewise, firmware/esp32/app.h."""
-        return self._app("esp32", lib.kernel_esp32)
+        return self._app("esp32", lib.kernel_esp32, COUNTERS["esp32"])
 
-    def _app(self, mcu: str, native: Callable[[Any, int], Any]) -> dict[str, int]:
-        names = COUNTERS[mcu]
+    def _app(self, mcu: str, native: Callable[[Any, int], Any], names: list[str]) -> dict[str, int]:
         with self.world.lock:
             if mcu in self.images:
                 counts = emulated.counters(self.world.kernel, self.index, mcu, self.images[mcu], names)

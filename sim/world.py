@@ -28,6 +28,7 @@ from .receiver import Dialect, Receiver
 from .replay import repeat
 from .robot import Robot
 from .settings import RobotSettings
+from .storage import Storage
 from .trace import Run, take
 from .truth import TRUTH_DTYPE
 
@@ -104,6 +105,8 @@ class World:
         self._given = dict(images or {})
         self._images: dict[tuple[int, str], Image] = {}
         """What is emulated, by robot and MCU; the kernel keeps their addresses."""
+        self.storages: list[Storage] = []
+        """The kernel has their addresses: they must live as long as it."""
         self._kernel = Kernel(source.seed)
         lib.kernel_trace(self.kernel, TRACES[trace])
         self.robots = tuple(self._add(index, settings) for index, settings in enumerate(source.robots))
@@ -119,7 +122,7 @@ class World:
             own = dataclasses.replace(settings.camera, width=pictures.width, height=pictures.height)
             settings = dataclasses.replace(settings, camera=own)
             scenario.check_robot(settings)
-        result = lib.kernel_add_robot(self.kernel, configure.robot_config(settings))
+        result = lib.kernel_add_robot(self.kernel, configure.robot_config(settings, self.scenario.seed, index))
         if result == lib.KERNEL_ERR_MEMORY:
             raise MemoryError
         if result != index:
@@ -290,6 +293,8 @@ class World:
 
     def _kernel_run(self, true_ns: int, robot: int, size: int) -> bool:
         result = lib.kernel_run(self.kernel, true_ns, robot, size)
+        for storage in self.storages:
+            storage.raise_error()
         if result < 0:
             if result == lib.KERNEL_ERR_IMAGE:
                 raise PeerError(emulated.fault(self.kernel, self._images))

@@ -41,6 +41,7 @@ enum {
     SYSTEM_RESET_GAP8 = 0x10,     ///< to the ESP32, which answers with the same byte
     SYSTEM_CLIENT = 0x20,         ///< to the STM32, then u8
     SYSTEM_BRIDGE = 0x21,         ///< to the STM32, then u8: CRTP goes over CPX while 1
+    SYSTEM_SHUTDOWN = 0x30,       ///< to the STM32: its power goes soon, so its log is closed
     TEST_SINK = 0,
     TEST_ECHO = 1,
     BOOTLOADER_JUMP = 6, ///< ESP32 -> GAP8, at its start: go on to the app

@@ -87,7 +87,6 @@ typedef struct {
 
 /// The parser, and what it has found.
 typedef struct {
-    const usd_table_t *table;
     uint32_t period_us; ///< of rows at a fixed frequency; 0: none
     uint16_t ring_bytes;
     bool on_startup;
@@ -106,6 +105,7 @@ typedef struct {
     bool long_line;
     bool in_block; ///< of `blocks[block_count]`, which is under way
     char text[31];
+    const usd_table_t *table;
 } usd_config_t;
 
 /// `table` must live as long as `self`.

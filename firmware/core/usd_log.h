@@ -24,7 +24,6 @@ typedef struct {
 
 /// `config`, and the memory of the ring, are the caller's and must live as long.
 typedef struct {
-    const usd_config_t *config;
     usd_counters_t counters; ///< stall_us, syncs and errors are the caller's to count
     uint32_t bytes;          ///< of the file, made so far
     uint32_t written;        ///< of them, those on the card
@@ -32,7 +31,6 @@ typedef struct {
     bool full;               ///< a row was dropped for the limit's sake
     uint32_t fill_max;       ///< most that the ring has held
     // Private from here on.
-    uint8_t *ring;
     uint32_t ring_bytes;
     uint32_t head; ///< of the oldest byte
     uint32_t fill;
@@ -41,6 +39,8 @@ typedef struct {
     uint32_t status_crc; ///< of those since the last status row
     usd_mark_point_t made;
     usd_mark_point_t safe; ///< of those that have been written
+    uint8_t *ring;
+    const usd_config_t *config;
 } usd_log_t;
 
 /// A new file: its header and its first status row. `ring` has config->ring_bytes. Of `counters`, requested

@@ -21,18 +21,22 @@ int stm32_init(stm32_t *self, const stm32_config_t *config, instant_t now) {
         !has_nul(config->wifi_key, sizeof config->wifi_key)) {
         return ERR_VALUE;
     }
-    *self = (stm32_t){
-        .config = *config,
-        .stamp_next_us = config->stamp_period_us == UINT32_MAX ? NEVER_US : now.up_us,
-        .wifi_next_us = config->wifi_mode == 0 ? NEVER_US : now.up_us,
-        .crtp_next_us = NEVER_US,
-    };
+    // Not as one value: a copy of all this would not fit the stack.
+    memset(self, 0, offsetof(stm32_t, log_ring));
+    self->config = *config;
+    self->stamp_next_us = config->stamp_period_us == UINT32_MAX ? NEVER_US : now.up_us;
+    self->wifi_next_us = config->wifi_mode == 0 ? NEVER_US : now.up_us;
+    self->crtp_next_us = NEVER_US;
+    self->mocap_next_us = config->mocap_period_us == 0 ? NEVER_US : now.up_us;
+    const motion_t moves = motion_at(&config->pose, config->sway_m, now.up_us);
+    self->attitude = attitude_of(&moves.pose); // it only sways
+    self->table = stm32_table();
     cpx_uart_init(&self->uart2, now.up_us);
+    stm32_log_init(&self->log, &config->log, &self->table, self->log_ring);
     return 0;
 }
 
-/// Queues one packet for UART2.
-static void send(stm32_t *self, uint8_t destination, uint8_t function, bytes_t data) {
+void stm32_send(stm32_t *self, uint8_t destination, uint8_t function, bytes_t data) {
     if (self->queue_fill == STM32_QUEUE_PACKETS || data.size > CPX_DATA_UART_MAX) {
         self->packets_dropped++;
         return;
@@ -48,7 +52,7 @@ static void send(stm32_t *self, uint8_t destination, uint8_t function, bytes_t d
 static void send_command(stm32_t *self, uint8_t command, const char *argument, size_t size) {
     uint8_t data[COMMAND_BYTES_MAX] = {command};
     memcpy(data + 1, argument, size);
-    send(self, CPX_ESP32, CPX_WIFI_CTRL, (bytes_t){data, 1 + size});
+    stm32_send(self, CPX_ESP32, CPX_WIFI_CTRL, (bytes_t){data, 1 + size});
 }
 
 static void set_up_wifi(stm32_t *self) {
@@ -76,15 +80,11 @@ static void send_crtp(stm32_t *self) {
     }
     text[size++] = '\n';
     self->crtp_sequence++;
-    send(self, CPX_HOST, CPX_CRTP, (bytes_t){text, size});
+    stm32_send(self, CPX_HOST, CPX_CRTP, (bytes_t){text, size});
 }
 
-/// The first point after `now_us` of the grid that `next_us` is on.
-static uint64_t next_on_grid(uint64_t next_us, uint64_t period_us, uint64_t now_us) {
-    return next_us + ((now_us - next_us) / period_us + 1) * period_us;
-}
-
-static void run_timers(stm32_t *self, uint64_t now_us) {
+static void run_timers(stm32_t *self, instant_t now) {
+    const uint64_t now_us = now.up_us;
     if (now_us >= self->wifi_next_us) {
         set_up_wifi(self);
         self->wifi_next_us = now_us + STM32_WIFI_RETRY_US;
@@ -92,6 +92,9 @@ static void run_timers(stm32_t *self, uint64_t now_us) {
     if (now_us >= self->crtp_next_us) {
         send_crtp(self);
         self->crtp_next_us = next_on_grid(self->crtp_next_us, self->config.crtp_period_us, now_us);
+    }
+    if (stm32_log_runs(&self->log)) {
+        stm32_log_rows(self, now);
     }
 }
 
@@ -115,7 +118,7 @@ static void set_client(stm32_t *self, bool on, uint64_t now_us) {
 }
 
 /// False for a packet that means nothing here.
-static bool handle(stm32_t *self, const cpx_packet_t *packet, uint64_t now_us) {
+static bool handle(stm32_t *self, const cpx_packet_t *packet, instant_t now) {
     const bytes_t in = packet->data;
     if (!cpx_route_ok(&packet->route) || packet->route.destination != CPX_STM32 || in.size == 0) {
         return false;
@@ -123,27 +126,31 @@ static bool handle(stm32_t *self, const cpx_packet_t *packet, uint64_t now_us) {
     switch (packet->route.function) {
     case CPX_SYSTEM:
         if (in.data[0] == SYSTEM_CLIENT && in.size >= 2) {
-            set_client(self, in.data[1] != 0, now_us);
+            set_client(self, in.data[1] != 0, now.up_us);
             return true;
         }
         if (in.data[0] == SYSTEM_BRIDGE && in.size >= 2) {
-            set_bridge(self, in.data[1] != 0, now_us);
+            set_bridge(self, in.data[1] != 0, now.up_us);
+            return true;
+        }
+        if (in.data[0] == SYSTEM_SHUTDOWN) {
+            stm32_log_set(&self->log, false);
             return true;
         }
         return false;
     case CPX_WIFI_CTRL:
         if (in.data[0] == WIFI_CLIENT_CONNECTED && in.size >= 2) {
-            set_client(self, in.data[1] != 0, now_us);
+            set_client(self, in.data[1] != 0, now.up_us);
             return true;
         }
         return in.data[0] == WIFI_CONNECTED && in.size >= 5;
     case CPX_TEST:
         if (in.data[0] == TEST_ECHO) {
-            send(self, packet->route.source, CPX_TEST, in);
+            stm32_send(self, packet->route.source, CPX_TEST, in);
         }
         return in.data[0] == TEST_SINK || in.data[0] == TEST_ECHO;
-    case CPX_CRTP: // there is no flight controller behind this app
-        self->crtp_ignored++;
+    case CPX_CRTP:
+        self->crtp_ignored += stm32_crtp(self, in, now) ? 0 : 1;
         return true;
     case CPX_CONSOLE:
         return true;
@@ -153,10 +160,13 @@ static bool handle(stm32_t *self, const cpx_packet_t *packet, uint64_t now_us) {
 }
 
 int stm32_receive(stm32_t *self, stm32_port_t port, bytes_t in, instant_t now) {
+    if (port == STM32_PORT_STORAGE) {
+        self->answers_unknown += stm32_log_answer(&self->log, in, now) ? 0 : 1;
+    }
     for (size_t i = 0; port == STM32_PORT_UART2 && i < in.size; i++) {
         cpx_packet_t packet;
         if (cpx_uart_receive(&self->uart2, in.data[i], now.up_us, &packet)) {
-            self->packets_unknown += handle(self, &packet, now.up_us) ? 0 : 1;
+            self->packets_unknown += handle(self, &packet, now) ? 0 : 1;
             cpx_uart_accept(&self->uart2);
         }
     }
@@ -205,12 +215,14 @@ size_t stm32_transmit(stm32_t *self, stm32_port_t port, bytes_mut_t out, instant
     if (out.size == 0) {
         return 0;
     }
-    run_timers(self, now.up_us);
+    run_timers(self, now);
     switch (port) {
     case STM32_PORT_UART1:
         return transmit_stamp(self, out.data, now);
     case STM32_PORT_UART2:
         return transmit_cpx(self, out.data, now.up_us);
+    case STM32_PORT_STORAGE:
+        return stm32_log_request(&self->log, out, now);
     default:
         return 0;
     }
@@ -222,6 +234,7 @@ static uint64_t earlier(uint64_t a_us, uint64_t b_us) {
 
 uint64_t stm32_deadline(const stm32_t *self) {
     uint64_t deadline_us = earlier(self->wifi_next_us, self->crtp_next_us);
+    deadline_us = earlier(deadline_us, stm32_rows_deadline(self));
     // Inside a message the caller comes by itself when the last byte has left.
     if (self->stamp_sent == self->stamp_size) {
         deadline_us = earlier(deadline_us, self->stamp_next_us);

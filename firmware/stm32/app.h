@@ -1,4 +1,5 @@
-/// The STM32 flight controller's part: a time message 100 times a second, and CPX over UART2.
+/// The STM32 flight controller's part: a time message 100 times a second, CPX over UART2, and the log on its
+/// card.
 ///
 /// The four verbs (docs/DESIGN.md, "One firmware, four verbs"): the board, or the simulator's kernel, moves
 /// bytes between wires and these functions, and nobody else does. After every call of stm32_receive, at the
@@ -10,18 +11,20 @@
 #include "../core/cpx_uart.h"
 #include "../core/image.h"
 #include "../core/uart1.h"
+#include "log.h"
+#include "values.h"
 
 typedef enum {
-    STM32_PORT_UART1 = 0, ///< to the GAP8, out only
-    STM32_PORT_UART2 = 1, ///< to and from the ESP32
-    STM32_PORT_COUNT = 2,
+    STM32_PORT_UART1 = 0,   ///< to the GAP8, out only
+    STM32_PORT_UART2 = 1,   ///< to and from the ESP32
+    STM32_PORT_STORAGE = 2, ///< to and from the card (storage.h)
+    STM32_PORT_COUNT = 3,
 } stm32_port_t;
 
 enum {
     STM32_QUEUE_PACKETS = 8, ///< waiting for UART2
     STM32_WIFI_RETRY_US = 2000000,
     STM32_NAME_BYTES = 32,
-    STM32_SWAY_US = 4000000,
 };
 
 /// stm32_config_t.stamp_format: whose firmware's time messages go out.
@@ -42,6 +45,8 @@ typedef struct {
     char wifi_ssid[32];       ///< NUL-terminated
     char wifi_key[64];        ///< NUL-terminated; empty: an open network
     uint32_t crtp_period_us;  ///< while the host has the bridge on, a CRTP console packet this often; 0: none
+    uint32_t mocap_period_us; ///< as if motion capture told the robot its pose this often; 0: it does not
+    stm32_log_config_t log;
 } stm32_config_t;
 
 typedef struct {
@@ -73,16 +78,25 @@ typedef struct {
     uint32_t packets_dropped; ///< the queue was full
     uint32_t packets_unknown; ///< a function or destination that is not ours
     uint32_t crtp_ignored;    ///< CRTP from the host: there is no flight controller behind it
+    uint32_t answers_unknown; ///< of the storage, to nothing that was asked
+    uint64_t imu_next_us;
+    uint64_t mocap_next_us;
+    attitude_t attitude;
+    pose_t external; ///< the last pose that came from outside
+    usd_table_t table;
+    stm32_log_t log;
+    uint8_t log_ring[STM32_LOG_RING_BYTES];
 } stm32_t;
 
 /// 0, or ERR_VALUE for a mode above 2, a format that is none, or a name without its NUL. `self` is the
-/// caller's; all of it is written. Must not be moved afterwards.
+/// caller's; all of it but the ring's bytes is written. Must not be moved afterwards.
 int stm32_init(stm32_t *self, const stm32_config_t *config, instant_t now);
 
 /// Bytes that came in on `port`; `now` is the time of the last stop bit. Returns how many were taken (all).
 int stm32_receive(stm32_t *self, stm32_port_t port, bytes_t in, instant_t now);
 
-/// Writes at most what the part's FIFO takes (one byte on a UART) and returns how much. The caller calls it
+/// Writes at most what the part's FIFO takes (one byte on a UART, a request on the storage) and returns how
+/// much. The caller calls it
 /// at the instant when the last byte has left: that instant is the time in a stamp message.
 size_t stm32_transmit(stm32_t *self, stm32_port_t port, bytes_mut_t out, instant_t now);
 

@@ -1,10 +1,28 @@
-/// The part of the STM32's app that its firmwares differ in, private to it: message.c.
+/// The parts of the STM32's app, private to it.
 #ifndef SPINDECK_STM32_PARTS_H
 #define SPINDECK_STM32_PARTS_H
 
 #include "app.h"
+#include "grid.h"
 
+// app.c
+/// Queues one packet for UART2.
+void stm32_send(stm32_t *self, uint8_t destination, uint8_t function, bytes_t data);
+
+// message.c
 /// Writes the time message of this instant into self->stamp and returns its size.
 uint8_t stm32_message(stm32_t *self, instant_t now);
+
+// rows.c
+/// Makes the rows of the log that are due.
+void stm32_log_rows(stm32_t *self, instant_t now);
+/// A position came from outside; the event is STM32_EST_POSE or STM32_EST_POSITION.
+void stm32_heard_position(stm32_t *self, const pose_t *pose, uint16_t event, instant_t now);
+uint64_t stm32_rows_deadline(const stm32_t *self);
+
+// crtp.c
+/// A CRTP packet from the host: a position, or usd.logging set. False: there is nothing behind this app for
+/// it.
+bool stm32_crtp(stm32_t *self, bytes_t in, instant_t now);
 
 #endif

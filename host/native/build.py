@@ -29,6 +29,10 @@ HEADERS = [
     "firmware/core/usd_config.h",
     "firmware/core/usd_file.h",
     "firmware/core/usd_log.h",
+    "firmware/stm32/storage.h",
+    "firmware/stm32/log.h",
+    "firmware/stm32/motion.h",
+    "firmware/stm32/values.h",
     "firmware/stm32/app.h",
     "firmware/gap8/app.h",
     "firmware/esp32/app.h",
@@ -69,6 +73,13 @@ def sources() -> list[str]:
 ffibuilder = FFI()
 for name in HEADERS:
     ffibuilder.cdef(declarations((ROOT / name).read_text(encoding="utf-8")))
+# Called by the kernel; sim/storage.py says what it does.
+ffibuilder.cdef(
+    """
+extern "Python" int64_t storage_request(void *context, int64_t now_ns, const uint8_t *request, size_t request_size,
+                                        uint8_t *answer, size_t *answer_size);
+"""
+)
 ffibuilder.set_source(
     "host.native._native",
     "".join(f'#include "{name}"\n' for name in HEADERS),

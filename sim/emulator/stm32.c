@@ -14,7 +14,7 @@ enum {
     EXTI_LINE_0 = 1,
     RCC_APB1ENR = 0x40,
 };
-static const uint32_t EXTI = 0x40013C00, RCC = 0x40023800;
+static const uint32_t STORAGE = 0x40012C00, EXTI = 0x40013C00, RCC = 0x40023800;
 
 /// Registers that give back what was written to them.
 static const uint32_t PLAIN[STM32_PLAIN_BLOCKS] = {
@@ -99,6 +99,9 @@ static uint32_t chip_read(emulator_t *e, uint32_t address, unsigned size) {
     if (block == EXTI) {
         return exti_read(e, offset);
     }
+    if (block == STORAGE) {
+        return stm32_storage_read(e, offset);
+    }
     if (block == RCC && offset / 4 < STM32_PLAIN_WORDS) {
         return stm32_rcc_read(e, offset);
     }
@@ -118,6 +121,8 @@ static void chip_write(emulator_t *e, uint32_t address, unsigned size, uint32_t 
         stm32_chip(e)->alarm_ns = INT64_MIN; // SysTick's among them
     } else if (block == EXTI) {
         exti_write(e, offset, value);
+    } else if (block == STORAGE) {
+        stm32_storage_write(e, offset, value);
     } else if (block == RCC && offset / 4 < STM32_PLAIN_WORDS) {
         stm32_rcc_write(e, offset, value);
     } else {
@@ -140,13 +145,27 @@ static void reset(emulator_t *e) {
 }
 
 static void receive(emulator_t *e, int port, bytes_t in) {
+    if (port == STM32_STORAGE) {
+        stm32_storage_receive(e, in);
+        emulator_run(e, false);
+        return;
+    }
     for (size_t i = 0; i < in.size && !emulator_failed(e); i++) {
         stm32_usart_receive(e, port, in.data[i]);
         emulator_run(e, false);
     }
 }
 
+static void asked(emulator_t *e, int port) {
+    if (port != STM32_STORAGE) {
+        stm32_usart_sent(e, port);
+    }
+}
+
 static size_t take(emulator_t *e, int port, bytes_mut_t out) {
+    if (port == STM32_STORAGE) {
+        return stm32_storage_take(e, out);
+    }
     return out.size == 0 ? 0 : stm32_usart_take(e, port, out.data);
 }
 
@@ -182,7 +201,7 @@ const machine_t stm32_machine = {
     .read = chip_read,
     .write = chip_write,
     .receive = receive,
-    .asked = stm32_usart_sent,
+    .asked = asked,
     .take = take,
     .alarm_ns = alarm_ns,
     .alarm = alarm,

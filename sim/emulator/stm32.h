@@ -1,9 +1,10 @@
 /// The STM32F405 of a Crazyflie 2.1 around its Cortex-M4F, as far as the firmware uses it (RM0090).
 ///
 /// USART2 and USART3 with byte times from BRR, overrun and framing error; TIM2, TIM3 and TIM5 as up-counters;
-/// EXTI line 0, which stands for whatever sets the stamp clock from outside; the clock tree, from which all
-/// of these get their clocks. GPIO, FLASH, PWR and SYSCFG take what is written and give it back. Everything
-/// else ends the run, as does a peripheral whose clock is off.
+/// EXTI line 0, which stands for whatever sets the stamp clock from outside; a mailbox for the card, in the
+/// place of a driver and a file system; the clock tree, from which all but these two get their clocks. GPIO,
+/// FLASH, PWR and SYSCFG take what is written and give it back. Everything else ends the run, as does a
+/// peripheral whose clock is off.
 #ifndef SPINDECK_SIM_STM32_H
 #define SPINDECK_SIM_STM32_H
 
@@ -35,6 +36,12 @@ typedef struct {
     uint32_t count_max;
 } stm32_timer_t;
 
+/// A request to the card, and where its answer goes.
+typedef struct {
+    uint32_t request, size, answer, room, answered;
+    bool taken;
+} stm32_mailbox_t;
+
 enum { STM32_USARTS = 2, STM32_TIMERS = 3, STM32_PLAIN_BLOCKS = 12, STM32_PLAIN_WORDS = 64 };
 
 /// State of all peripherals.
@@ -42,6 +49,7 @@ typedef struct {
     stm32_clocks_t clocks;
     usart_t usarts[STM32_USARTS];
     stm32_timer_t timers[STM32_TIMERS];
+    stm32_mailbox_t storage;
     int64_t alarm_ns; ///< of the timers; INT64_MIN: to be found out
     uint32_t exti_mask, exti_pending;
     uint32_t rcc[STM32_PLAIN_WORDS];
@@ -70,6 +78,13 @@ void stm32_usart_receive(emulator_t *e, int index, uint8_t byte);
 void stm32_usart_sent(emulator_t *e, int index);
 size_t stm32_usart_take(emulator_t *e, int index, uint8_t *byte);
 int64_t stm32_usart_byte_ps(emulator_t *e, int index);
+
+// stm32_storage.c
+enum { STM32_STORAGE = 2 }; ///< likewise
+uint32_t stm32_storage_read(emulator_t *e, uint32_t offset);
+void stm32_storage_write(emulator_t *e, uint32_t offset, uint32_t value);
+size_t stm32_storage_take(emulator_t *e, bytes_mut_t out);
+void stm32_storage_receive(emulator_t *e, bytes_t in);
 
 // stm32_timer.c
 enum { STM32_TIM2 = 0, STM32_TIM3 = 1, STM32_TIM5 = 2 };

@@ -20,6 +20,7 @@ static int emulated_init(void *app, const void *config, instant_t now, int64_t l
         board.stamp_start_us = clock->stamp_start_us;
         board.stamp_bits = clock->stamp_bits;
         board.stamp_divider = clock->divider;
+        board.storage = self->storage->function != NULL;
         return emulator_power_up(self->emulator, (bytes_t){(const uint8_t *)&board, sizeof board}, local_ns);
     }
     gap8_board_config_t board;
@@ -86,7 +87,8 @@ int kernel_emulate(kernel_t *k, int robot, mcu_t mcu, const unicorn_api_t *api, 
     }
     r->memory += emulator_bytes(emulator);
     set_wires(emulator, mcu, &r->config);
-    r->emulated[mcu] = (emulated_t){.emulator = emulator, .mcu = mcu, .clock = &r->config.clocks[mcu]};
+    r->emulated[mcu] = (emulated_t){
+        .emulator = emulator, .mcu = mcu, .clock = &r->config.clocks[mcu], .storage = &r->storage};
     r->nodes[mcu].verbs = &emulated_verbs;
     r->nodes[mcu].app = &r->emulated[mcu];
     return k->report.failed ? KERNEL_ERR_IMAGE : 0;

@@ -184,8 +184,10 @@ static void handle(kernel_t *k, uint32_t source) {
         tcp_head_due(k, r, kind - SOURCE_TCP_HEAD);
     } else if (kind == SOURCE_CAMERA) {
         camera_due(k, r);
-    } else {
+    } else if (kind == SOURCE_NETWORK) {
         network_due(k, r);
+    } else {
+        storage_due(k, r);
     }
 }
 

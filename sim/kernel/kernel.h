@@ -170,6 +170,17 @@ const uint8_t *kernel_memory(const kernel_t *self, int robot, mcu_t mcu, uint32_
 /// copied, the bytes are not: they must live as long as the kernel.
 int kernel_set_images(kernel_t *self, int robot, const bytes_t *raw, const bytes_t *jpeg, size_t count);
 
+/// The STM32's card (firmware/stm32/storage.h): gets a request, writes its answer of at most
+/// STORAGE_ANSWER_MAX bytes and its size, and returns how long the operation takes, in ns. A request of 0
+/// bytes: the power has gone, whatever was under way is cut now. Called from kernel_run and kernel_reboot; it
+/// must not call the kernel.
+typedef int64_t (*storage_function_t)(void *context, int64_t now_ns, const uint8_t *request,
+                                      size_t request_size, uint8_t *answer, size_t *answer_size);
+
+/// From now on, or of an STM32 that runs an image from its next boot on; without one, every request is
+/// answered at once with STORAGE_NO_CARD. KERNEL_ERR_CONFIG: an operation is under way.
+int kernel_set_storage(kernel_t *self, int robot, storage_function_t function, void *context);
+
 /// Runs until true time `until_ns` (KERNEL_UNTIL), or until `robot`'s host can read at least `bytes`
 /// (KERNEL_BYTES; robot -1: no such stop). KERNEL_ERR_TIME if until_ns is in the past.
 int kernel_run(kernel_t *self, int64_t until_ns, int robot, size_t bytes);

@@ -52,6 +52,7 @@ void node_poll(kernel_t *k, robot_t *r, mcu_t mcu) {
     case MCU_STM32:
         uart_poll(k, r, LINE_UART1);
         uart_poll(k, r, LINE_UART2_STM32);
+        storage_poll(k, r);
         break;
     case MCU_GAP8:
         spi_poll(k, r, MCU_GAP8);
@@ -71,6 +72,9 @@ void node_poll(kernel_t *k, robot_t *r, mcu_t mcu) {
 static void boot(kernel_t *k, robot_t *r, mcu_t mcu) {
     node_t *node = &r->nodes[mcu];
     node->boots++;
+    if (mcu == MCU_STM32) {
+        r->config.stm32.log.boot = node->boots;
+    }
     oscillator_restart(&node->oscillator, k->now_ns);
     stamp_clock_init(&node->stamp, &r->config.clocks[mcu]);
     node->read_ns = -1;
@@ -99,7 +103,9 @@ void node_off(kernel_t *k, robot_t *r, mcu_t mcu, int64_t off_ns) {
     r->nodes[mcu].up = false;
     uart_off(k, r, mcu);
     spi_off(k, r, mcu);
-    if (mcu == MCU_GAP8) {
+    if (mcu == MCU_STM32) {
+        storage_off(k, r);
+    } else if (mcu == MCU_GAP8) {
         camera_off(k, r);
     } else if (mcu == MCU_ESP32) {
         network_off(k, r);

@@ -38,7 +38,8 @@ enum {
     SOURCE_TCP_HEAD = 13, ///< by direction: the oldest segment arrives
     SOURCE_CAMERA = 15,
     SOURCE_NETWORK = 16,
-    SOURCE_COUNT = 17,
+    SOURCE_STORAGE = 17, ///< the operation ends
+    SOURCE_COUNT = 18,
 };
 
 /// An app and the four verbs, so that something else than the native code can take its place: an image that
@@ -71,11 +72,22 @@ typedef struct {
     uint64_t deadline_us; ///< for which the timer is set
 } node_t;
 
+/// The STM32's card, and the answer to the operation under way.
+typedef struct {
+    storage_function_t function; ///< NULL: there is none
+    void *context;
+    bool busy;
+    uint8_t operation;
+    size_t size; ///< of the answer
+    uint8_t answer[STORAGE_ANSWER_MAX];
+} storage_t;
+
 /// The app of a node that runs an image.
 typedef struct {
     emulator_t *emulator;
     mcu_t mcu;
     const clock_config_t *clock;
+    const storage_t *storage;
 } emulated_t;
 
 /// One sender's end of a UART.
@@ -165,6 +177,7 @@ typedef struct {
     spi_t spi;
     tcp_pipe_t pipes[2];
     camera_t camera;
+    storage_t storage;
     ring_t host_in; ///< what the host can read
     ring_t host_out;
     bool network_up;
@@ -251,6 +264,11 @@ void network_due(kernel_t *k, robot_t *r);
 void network_connect(kernel_t *k, robot_t *r);
 void network_disconnect(kernel_t *k, robot_t *r);
 void network_off(kernel_t *k, robot_t *r);
+
+// storage.c
+void storage_poll(kernel_t *k, robot_t *r);
+void storage_due(kernel_t *k, robot_t *r);
+void storage_off(kernel_t *k, robot_t *r);
 
 // camera.c
 void camera_poll(kernel_t *k, robot_t *r);

@@ -85,10 +85,10 @@ def test_the_stm32_starts_where_its_vector_table_says() -> None:
     words = memoryview(image.binary.read_bytes()[: 4 * (16 + 82)]).cast("I")
     assert words[:2].tolist() == [symbols["_stack_top"], symbols["board_reset"]]
     assert words[1] & 1, "Thumb"
-    handled = {16 + 6, 16 + 29, 16 + 38, 16 + 39}
+    handled = {16 + 6, 16 + 29, 16 + 38, 16 + 39, 16 + 49}
     traps = {number for number, word in enumerate(words) if word == symbols["board_trap"]}
     assert traps == set(range(2, len(words))) - handled
-    assert len({words[number] for number in handled}) == 4
+    assert len({words[number] for number in handled}) == 5
 
 
 def test_the_stamp_divider_is_a_build_option() -> None:

@@ -1,5 +1,6 @@
-/// The STM32's app, whatever comes over UART2 and whenever it is called: what it sends is good stamps without
-/// a gap and good CPX frames, and once it has sent all it has, its deadline lies ahead.
+/// The STM32's app, whatever comes over UART2, whatever the card answers and whenever it is called: what it
+/// sends is good stamps without a gap, good CPX frames and good requests, every row of its log is counted,
+/// and once it has sent all it has, its deadline lies ahead.
 #include "claim.h"
 #include "input.h"
 
@@ -8,12 +9,20 @@
 
 enum { SENT_AT_ONCE_MAX = 1000 };
 
+static const char CONFIG[] =
+    "1\n512\nlog\n1\non:fixedFrequency\n500\n1\nstateEstimate.x\npm.vbatMV\non:estPose\n"
+    "locSrv.x\non:estPosition\non:estGyroscope\ngyro.x\n";
+
 typedef struct {
     stm32_t app;
     instant_t now;
     uart1_rx_t gap8;
     uint32_t sequence;
     cpx_uart_t esp32;
+    uint8_t request[STORAGE_REQUEST_MAX];
+    size_t request_size; ///< 0: none is under way
+    bool config_read;
+    bool file_open;
 } bench_t;
 
 static void hear_stamp(bench_t *self, uint8_t byte) {
@@ -39,6 +48,44 @@ static void hear_cpx(bench_t *self, uint8_t byte) {
     CLAIM(self->esp32.garbage_bytes == 0);
 }
 
+static void claim_request(bench_t *self) {
+    const uint8_t operation = self->request[0];
+    CLAIM(operation >= STORAGE_CREATE && operation <= STORAGE_CLOSE);
+    CLAIM(self->file_open == (operation > STORAGE_OPEN));
+    CLAIM(self->request_size > 1 || operation >= STORAGE_TRUNCATE);
+    self->file_open = self->file_open && operation != STORAGE_CLOSE;
+}
+
+static void claim_log(const stm32_log_t *log) {
+    const usd_counters_t *counters = &log->log.counters;
+    CLAIM(counters->requested == counters->accepted + counters->dropped);
+    CLAIM(log->log.written <= log->log.bytes);
+    CLAIM(log->log.fill <= log->log.ring_bytes && log->log.fill_max <= log->log.ring_bytes);
+}
+
+/// As a card does that has config.txt, unless the fuzzer's byte is an error (negative) or a short write (64
+/// and more).
+static void answer(bench_t *self, uint8_t choice) {
+    uint8_t out[STORAGE_ANSWER_MAX] = {self->request[0]};
+    const bool reads = self->request[0] == STORAGE_READ && !self->config_read;
+    const size_t data = reads ? sizeof CONFIG - 1 : 0;
+    int32_t result = self->request[0] == STORAGE_WRITE ? (int32_t)self->request_size - 1 : (int32_t)data;
+    if (choice >= 128 || (choice >= 64 && self->request[0] == STORAGE_WRITE)) {
+        result = (int8_t)choice;
+    }
+    self->config_read = self->config_read || reads;
+    self->file_open =
+        (self->file_open || self->request[0] <= STORAGE_OPEN) && self->request[0] != STORAGE_CLOSE;
+    self->file_open =
+        self->file_open && result != STORAGE_NO_CARD && (self->request[0] > STORAGE_OPEN || result >= 0);
+    store32_le(out + 1, (uint32_t)result);
+    memcpy(out + STORAGE_HEAD_BYTES, CONFIG, data);
+    self->request_size = 0;
+    const bytes_t in = {out, STORAGE_HEAD_BYTES + data};
+    CLAIM(stm32_receive(&self->app, STM32_PORT_STORAGE, in, self->now) == (int)in.size);
+    CLAIM(self->app.answers_unknown == 0);
+}
+
 /// Everything that goes out now. No credit comes in meanwhile, so it ends.
 static void send_all(bench_t *self) {
     uint8_t byte;
@@ -55,7 +102,15 @@ static void send_all(bench_t *self) {
             hear_cpx(self, byte);
             sent = true;
         }
+        if (self->request_size == 0) {
+            const bytes_mut_t room = {self->request, sizeof self->request};
+            self->request_size = stm32_transmit(&self->app, STM32_PORT_STORAGE, room, self->now);
+            if (self->request_size > 0) {
+                claim_request(self);
+            }
+        }
     }
+    claim_log(&self->app.log);
     CLAIM(stm32_deadline(&self->app) > self->now.up_us);
 }
 
@@ -70,6 +125,8 @@ static stm32_config_t make_config(bytes_t *input) {
     }
     config.stamp_period_us = choice & 4U ? take_byte(input) : 0;
     config.crtp_period_us = choice & 8U ? 1U + take_byte(input) : 0;
+    config.mocap_period_us = choice & 8U ? 1000U : 0;
+    config.log.sync_us = take_byte(input) * 100U;
     const bytes_t ssid = take(input, choice >> 4);
     memcpy(config.wifi_ssid, ssid.data, ssid.size);
     const bytes_t key = take(input, choice & 16U ? sizeof config.wifi_key : 0);
@@ -106,7 +163,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             wait(&bench, take_us(&input));
             break;
         case 2:
-            bench.now.stamp_us = choice; // the stamp clock is reset
+            if (bench.request_size > 0) {
+                answer(&bench, take_byte(&input));
+            } else {
+                bench.now.stamp_us = choice; // the stamp clock is reset
+            }
             break;
         default:
             send_all(&bench);

@@ -22,7 +22,7 @@ typedef esp32_port_t port_t;
 /// As tests/referee/recording.py writes it: u32 calls, the calls, the bytes that they point into.
 extern const uint8_t recording[];
 
-enum { CALL_BYTES = 28, HEAD_BYTES = 9, ROOM_MAX = NANOCOCKPIT_FRAME_MAX, UNSET = 0xA5 };
+enum { CALL_BYTES = 28, HEAD_BYTES = 9, ROOM_MAX = STORAGE_REQUEST_MAX, UNSET = 0xA5 };
 
 typedef struct {
     uint8_t verb;

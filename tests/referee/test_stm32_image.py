@@ -44,7 +44,7 @@ PLAIN_STAMPS = 12
 """Each comes twice as late as the one before."""
 BUSY_US = 500
 """No byte comes so shortly before or after a deadline of the app: QEMU's code takes time, the simulator's none."""
-BYTE_US = 20
+BYTE_US = 30
 """And has so long for each byte that it gets, sends or skips."""
 PACKET_US = 500
 """And for each packet, good or bad: after a bad one it searches on in all its bytes."""
@@ -80,7 +80,8 @@ def heard(url: str, seconds: float) -> list[tuple[int, int]]:
             for function, data in ((lib.CPX_SYSTEM, bytes([lib.SYSTEM_BRIDGE, 1])), (lib.CPX_TEST, echo)):
                 world.robots[0].write(encode_cpx_tcp(CpxPacket(Route(lib.CPX_STM32, lib.CPX_HOST, function), data)))
         calls = recording.take(world, "stm32").calls
-    return [(call.up_us, byte) for call in calls if call.verb == lib.CALL_RECEIVE for byte in call.data]
+    received = (call for call in calls if call.verb == lib.CALL_RECEIVE and call.port == lib.STM32_PORT_UART2)
+    return [(call.up_us, byte) for call in received for byte in call.data]
 
 
 def simulated(config: Any, wishes: list[tuple[int, int]], end_us: int) -> tuple[Inputs, Streams]:

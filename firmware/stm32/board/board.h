@@ -81,6 +81,16 @@ void usart_put(usart_t *usart, uint8_t byte);
 /// What the handler was called for.
 usart_news_t usart_news(usart_t *usart);
 
+// storage.c. Likewise.
+void storage_init(void);
+/// For a request.
+bytes_mut_t storage_room(void);
+/// Begins it. Returns its answer, if there is one at once: without a card.
+bytes_t storage_begin(size_t size);
+/// The answer that the handler was called for.
+bytes_t storage_news(void);
+
+void storage_handler(void);
 void tim3_handler(void);
 void usart2_handler(void);
 void usart3_handler(void);

@@ -1,13 +1,14 @@
 #include "board.h"
 
-static usart_t *const LINES[STM32_PORT_COUNT] = {[STM32_PORT_UART1] = USART3, [STM32_PORT_UART2] = USART2};
+enum { UARTS = 2 }; ///< the first of stm32_port_t
+static usart_t *const LINES[UARTS] = {[STM32_PORT_UART1] = USART3, [STM32_PORT_UART2] = USART2};
 
 stm32_t board_app;
 volatile int board_init_result;
 volatile uint64_t board_stamp_reset;
 
 static struct {
-    bool busy[STM32_PORT_COUNT]; ///< a byte is on the line
+    bool busy[STM32_PORT_COUNT]; ///< a byte is on the line, a request under way
     volatile bool wake;
     instant_t now; ///< of the last interrupt
 } board;
@@ -40,6 +41,17 @@ void tim3_handler(void) {
     }
 }
 
+static void take_answer(bytes_t answer) {
+    board.busy[STM32_PORT_STORAGE] = false;
+    board.wake = true;
+    stm32_receive(&board_app, STM32_PORT_STORAGE, answer, board.now);
+}
+
+void storage_handler(void) {
+    board.now = clock_now();
+    take_answer(storage_news());
+}
+
 // Nothing is due because of it, so the service loop sleeps on.
 void exti0_handler(void) {
     EXTI->pr = EXTI_LINE_0;
@@ -47,9 +59,24 @@ void exti0_handler(void) {
     board.now = clock_now();
 }
 
+static void service_storage(void) {
+    if (board.busy[STM32_PORT_STORAGE]) {
+        return;
+    }
+    const size_t size = stm32_transmit(&board_app, STM32_PORT_STORAGE, storage_room(), board.now);
+    if (size == 0) {
+        return;
+    }
+    board.busy[STM32_PORT_STORAGE] = true;
+    const bytes_t answer = storage_begin(size);
+    if (answer.size != 0) {
+        take_answer(answer);
+    }
+}
+
 // The app is asked with interrupts off, and with the instant of the last one: an app's time never goes back.
 static void service(void) {
-    for (int port = 0; port < STM32_PORT_COUNT; port++) {
+    for (int port = 0; port < UARTS; port++) {
         interrupts_off();
         uint8_t byte;
         if (!board.busy[port] &&
@@ -60,6 +87,7 @@ static void service(void) {
         interrupts_on();
     }
     interrupts_off();
+    service_storage();
     const uint64_t due_us = stm32_deadline(&board_app);
     // One that has passed was served just now: it waits for the next event.
     alarm_set(due_us > board.now.up_us ? due_us : NEVER_US);
@@ -81,6 +109,7 @@ int main(void) {
     clock_init();
     alarm_init();
     usart_init();
+    storage_init();
     EXTI->imr |= EXTI_LINE_0; // raised by software only (EXTI->swier): no pin is routed to it
     interrupt_enable(IRQ_EXTI0);
     board.now = clock_now();

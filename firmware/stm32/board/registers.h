@@ -81,12 +81,22 @@ typedef struct {
 
 enum { EXTI_LINE_0 = 1 << 0 };
 
+/// No part of an STM32: the simulator's mailbox for a card, in the place of a driver and a file system. A
+/// write to `size` begins the operation; its answer lies at `answer` when the interrupt comes, and a write to
+/// `answered` acknowledges it.
+typedef struct {
+    register_t request, size; ///< where the request is, its bytes
+    register_t answer, room;  ///< where its answer may go, and how much
+    register_t answered;      ///< bytes of the answer
+} storage_t;
+
 /// Positions in the vector table behind the 16 of the core (12.2, table 61).
 enum {
     IRQ_EXTI0 = 6,
     IRQ_TIM3 = 29,
     IRQ_USART2 = 38,
     IRQ_USART3 = 39,
+    IRQ_STORAGE = 49, ///< the SDIO's, as its address
     IRQ_COUNT = 82,
 };
 
@@ -95,6 +105,7 @@ enum {
 #define TIM5 ((timer_t *)0x40000C00U)
 #define USART2 ((usart_t *)0x40004400U)
 #define USART3 ((usart_t *)0x40004800U)
+#define STORAGE ((storage_t *)0x40012C00U)
 #define EXTI ((exti_t *)0x40013C00U)
 #define GPIOA ((gpio_t *)0x40020000U)
 #define GPIOC ((gpio_t *)0x40020800U)

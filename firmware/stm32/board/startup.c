@@ -22,7 +22,9 @@ __attribute__((section(".vectors"), used)) const vector_t vectors[CORE_VECTORS +
     [CORE_VECTORS + IRQ_TIM3 + 1 ... CORE_VECTORS + IRQ_USART2 - 1] = board_trap,
     [CORE_VECTORS + IRQ_USART2] = usart2_handler,
     [CORE_VECTORS + IRQ_USART3] = usart3_handler,
-    [CORE_VECTORS + IRQ_USART3 + 1 ... CORE_VECTORS + IRQ_COUNT - 1] = board_trap,
+    [CORE_VECTORS + IRQ_USART3 + 1 ... CORE_VECTORS + IRQ_STORAGE - 1] = board_trap,
+    [CORE_VECTORS + IRQ_STORAGE] = storage_handler,
+    [CORE_VECTORS + IRQ_STORAGE + 1 ... CORE_VECTORS + IRQ_COUNT - 1] = board_trap,
 };
 
 void board_reset(void) {

@@ -16,6 +16,7 @@ SYSTEM_COMMANDS = (
     Value(0x10, "SYSTEM_RESET_GAP8", "to ESP32: holds the GAP8 in reset for 100 ms; answered with the same byte"),
     Value(0x20, "SYSTEM_CLIENT", "to STM32: u8, sets the flag that a host is connected"),
     Value(0x21, "SYSTEM_BRIDGE", "to STM32: u8, 1 CRTP goes over CPX, 0 over radio"),
+    Value(0x30, "SYSTEM_SHUTDOWN", "to STM32, this project's: its power goes soon, so its log is closed"),
 )
 
 WIFI_CTRL = Struct(
@@ -31,5 +32,7 @@ WIFI_CTRL = Struct(
 
 SYSTEM = Struct(
     "command" / Int8ul * "a SYSTEM_ command",
-    "argument" / Switch(this.command, {0x10: Pass, 0x20: Int8ul, 0x21: Int8ul}, default=GreedyBytes) * "by command",
+    "argument"
+    / Switch(this.command, {0x10: Pass, 0x20: Int8ul, 0x21: Int8ul, 0x30: Pass}, default=GreedyBytes)
+    * "by command",
 )
