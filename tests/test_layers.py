@@ -39,6 +39,7 @@ RULES: list[tuple[str, set[str], set[str]]] = [
     ),
     ("host.firmware", {"host.firmware", "host.protocol.errors"}, IO - {"subprocess"} | {"numpy"}),
     ("host.usd", {"host.usd", "host.native", "host.protocol.errors"}, IO),
+    ("host.clock", {"host.clock", "host.native", "host.protocol.errors"}, IO),
     ("host.cli", {"host", "sim"}, set()),
     ("host.__main__", {"host.cli"}, set()),
     ("host", {"host.link", "host.protocol"}, set()),

@@ -42,6 +42,7 @@ HEADERS = [
     "host/native/stream.h",
     "host/native/crc32.h",
     "host/native/usd.h",
+    "host/native/track.h",
 ]
 SOURCE_FOLDERS = [
     *["firmware/core", "firmware/stm32", "firmware/gap8", "firmware/esp32"],

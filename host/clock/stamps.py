@@ -1,0 +1,173 @@
+"""Every frame's time on the STM32's clock, with its bound, from all messages of a recording; or why it gets none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .allan import Steadiness, allan_deviation
+from .smoother import BLOCK_PAIRS, Smoothed, smooth
+from .ticks import Epoch, Floats, Ints, Sorted, sort, tick_us
+
+Refusal = Literal[
+    "no messages",
+    "before the first message",
+    "after the last message",
+    "between epochs",
+    "too few messages",
+    "no message near",
+]
+REFUSALS: tuple[Refusal, ...] = get_args(Refusal)
+AGE_S = 10.0
+"""A frame further from any message is refused."""
+NEAR_S = 0.5
+BOUND_US_MAX = 20_000.0
+LONE_PPM = 0.5
+"""How far a rate may change within a second that nothing was heard in, at the least."""
+SLOW = 84 / 85
+"""Of a right clock's rate: STM32 firmware before August 2026."""
+WIRE_US = 17 * 10 * 365 / 42
+"""A native message on UART1, from the reading of the clock to the last stop bit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """An epoch and its curve."""
+
+    epoch: Epoch
+    boot: int
+    begin_us: int
+    """GAP8, unwrapped: the zero of the curve's time."""
+    base_us: int
+    """Offset, GAP8 less STM32, that the curve is added to."""
+    sent_us: tuple[float, float]
+    """GAP8 time at which the first message was sent, and the last."""
+    smoothed: Smoothed
+    drift_ppm: float
+    """Of the GAP8's clock against the STM32's, mean."""
+    is_slow: bool
+    """The STM32's clock counts 84 where 85 have passed."""
+    steadiness: Steadiness
+
+
+@dataclass(frozen=True, slots=True)
+class Stamped:
+    """What came of all frames. The arrays speak of those that were given a time."""
+
+    fitted: tuple[Fitted, ...]
+    sorted: Sorted
+    gap8_tick_us: float
+    stm32_tick_us: float
+    frame: Ints
+    """Numbers of the frames that have one, in order."""
+    stm32_us: Floats
+    """End of frame."""
+    bound_us: Floats
+    """99 %, either side."""
+    epoch: Ints
+    """Place in `fitted`."""
+    refused: dict[int, Refusal]
+    """By frame."""
+    wire_us: float
+    """Taken off each message's delay, GAP8 time."""
+
+
+def stamp(
+    stm32: NDArray[np.uint64],
+    gap8: NDArray[np.uint64],
+    frame_gap8: NDArray[np.uint64],
+    frame_after: Ints,
+    resets: Ints | None = None,
+    wire_us: float = 0.0,
+) -> Stamped:
+    """As ticks.sort takes them. `wire_us`: how long a message is on the wire."""
+    ticks = tick_us(gap8), tick_us(stm32)
+    all_ = sort(stm32, gap8, frame_gap8, frame_after, resets, max(ticks))
+    fitted = tuple(fit(all_, each, max(ticks), wire_us) for each in all_.epochs if is_enough(all_, each))
+    frames = all_.frame_gap8_us.astype(np.float64) + ticks[0] / 2
+    value, bound = np.zeros(len(frames)), np.full(len(frames), np.inf)
+    owner = np.full(len(frames), -1)
+    why = refusals(all_, fitted, frames)
+    for number, each in enumerate(fitted):
+        reach = (frames >= each.sent_us[0] - AGE_S * 1e6) & (frames <= each.sent_us[1] + AGE_S * 1e6)
+        mine = np.flatnonzero((all_.frame_boot == each.boot) & reach & ~between(fitted, number, frames))
+        at_s = (frames[mine] - each.begin_us) * 1e-6
+        knots = each.smoothed.track
+        # Ticks are read as their middle, on both clocks; the half tick of the STM32's is what it is on average.
+        value[mine] = frames[mine] - each.base_us - knots.at(at_s) - (ticks[0] - ticks[1]) / 2 + wire_us
+        mine_bound = np.interp(at_s, knots.time_s, each.smoothed.bound_us) + (ticks[0] + ticks[1]) / 2
+        bound[mine] = mine_bound + away_us(all_, each, frames[mine])
+        owner[mine] = number
+    given = (owner >= 0) & (bound <= BOUND_US_MAX)
+    refused = {int(frame): REFUSALS[why[frame]] for frame in np.flatnonzero(~given)}
+    return Stamped(
+        fitted, all_, *ticks, np.flatnonzero(given), value[given], bound[given], owner[given], refused, wire_us
+    )
+
+
+def is_enough(all_: Sorted, epoch: Epoch) -> bool:
+    return len(epoch.messages) >= 2 * BLOCK_PAIRS
+
+
+def fit(all_: Sorted, epoch: Epoch, coarse_us: float, wire_us: float) -> Fitted:
+    gap8, stm32 = all_.gap8_us[epoch.messages], all_.stm32_us[epoch.messages]
+    begin, base = int(gap8[0]), int(gap8[0] - stm32[0])
+    time_s: Floats = (gap8 - begin).astype(np.float64) * 1e-6
+    offset = (gap8 - stm32 - base).astype(np.float64)
+    made = smooth(time_s, offset, coarse_us)
+    curve = made.track
+    drift = float(np.polyfit(curve.time_s, curve.offset_us, 1)[0])
+    step_s = max(float(np.median(np.diff(curve.time_s))), 1e-3)
+    even = step_s * np.arange(int(curve.time_s[-1] / step_s), dtype=np.float64)
+    late = [float(offset[k] - curve.at(time_s[k : k + 1] if k == 0 else time_s[k:])[0]) for k in (0, -1)]
+    sent = (float(gap8[0]) - max(late[0], 0) - wire_us, float(gap8[-1]) - max(late[1], 0) - wire_us)
+    return Fitted(
+        epoch, int(all_.message_boot[epoch.messages[0]]), begin, base, sent, made, drift,
+        abs(drift - (1 / SLOW - 1) * 1e6) < abs(drift), allan_deviation(curve.at(even), step_s),
+    )  # fmt: skip
+
+
+def between(fitted: tuple[Fitted, ...], number: int, frames: Floats) -> NDArray[np.bool_]:
+    """Frames beside an epoch, on a side where another one of the same boot follows: in which they are is not known."""
+    each = fitted[number]
+    beside = np.zeros(len(frames), np.bool_)
+    if number and fitted[number - 1].boot == each.boot:
+        beside |= frames < each.sent_us[0]
+    if number + 1 < len(fitted) and fitted[number + 1].boot == each.boot:
+        beside |= frames > each.sent_us[1]
+    return beside
+
+
+def away_us(all_: Sorted, each: Fitted, frames: Floats) -> Floats:
+    """What the clock may have done since the nearest message: its own Allan deviation at that span, thrice."""
+    heard = all_.gap8_us[each.epoch.messages].astype(np.float64)
+    after = np.clip(np.searchsorted(heard, frames), 0, len(heard) - 1)
+    before = np.maximum(after - 1, 0)
+    apart_s = np.minimum(np.abs(heard[after] - frames), np.abs(frames - heard[before])) * 1e-6
+    known = each.steadiness
+    ppm = np.interp(apart_s, known.span_s, known.deviation_ppm) if known.span_s else np.full(len(frames), 100.0)
+    away: Floats = np.where(apart_s > NEAR_S, 3 * np.maximum(ppm, LONE_PPM) * apart_s, 0.0)
+    return away
+
+
+def refusals(all_: Sorted, fitted: tuple[Fitted, ...], frames: Floats) -> Ints:
+    """Why each frame would get no time, as a place in REFUSALS."""
+    why = np.full(len(frames), REFUSALS.index("no messages"))
+    for boot in np.unique(all_.frame_boot):
+        mine = all_.frame_boot == boot
+        spans = sorted(each.sent_us for each in fitted if each.boot == boot)
+        if not spans:
+            if (all_.message_boot == boot).any():
+                why[mine] = REFUSALS.index("too few messages")
+            continue
+        inside = np.zeros(len(frames), np.bool_)
+        for begin, end in spans:
+            inside |= (frames >= begin) & (frames <= end)
+        reason = np.where(inside, REFUSALS.index("no message near"), REFUSALS.index("between epochs"))
+        reason = np.where(frames < spans[0][0], REFUSALS.index("before the first message"), reason)
+        reason = np.where(frames > spans[-1][1], REFUSALS.index("after the last message"), reason)
+        why = np.where(mine, reason, why)
+    return why

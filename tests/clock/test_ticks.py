@@ -1,0 +1,157 @@
+"""What goes wrong with clocks and links: no frame gets a wrong time without saying so."""
+
+import os
+from dataclasses import replace
+
+import models
+import numpy as np
+import pytest
+from models import Link, Run, run
+
+from host.clock.stamps import Stamped, stamp
+from host.clock.ticks import tick_us, unwrap
+
+SECONDS, AT = 60.0, 3000
+LINK = Link("presc85", 500.0, seconds=SECONDS)
+SEEDS = range(5, 5 + int(os.environ.get("SPINDECK_CLOCK_SEEDS", "1")))
+WRAP = (1 << 32) - 30_000_000
+
+
+def stamped(made: Run) -> Stamped:
+    stm32, gap8, frames = (each.astype(np.uint64) for each in (made.stm32_us, made.gap8_us, made.frame_gap8_us))
+    return stamp(stm32, gap8, frames, made.frame_after)
+
+
+def starved(at_s: models.Floats) -> models.Floats:
+    return np.where(at_s % 1 < 0.04, (0.04 - at_s % 1) * 1e6, 0)
+
+
+def wrapped_stm32(made: Run) -> Run:
+    return replace(made, stm32_us=(made.stm32_us + WRAP) % (1 << 32), frame_true_us=made.frame_true_us + WRAP)
+
+
+def wrapped_gap8(made: Run) -> Run:
+    gap8_us, frames = (made.gap8_us + WRAP) % (1 << 32), (made.frame_gap8_us + WRAP) % (1 << 32)
+    return replace(made, gap8_us=gap8_us, frame_gap8_us=frames)
+
+
+def reset_twice(made: Run) -> Run:
+    """The broadcast that resets is repeated, and met again by the next message."""
+    once = models.stm32_leap(made, AT, -int(made.stm32_us[AT]))
+    return models.stm32_leap(once, AT + 1, -int(once.stm32_us[AT + 1]))
+
+
+FAULTS = {
+    # name: (the fault, epochs, frames refused at most, messages dropped and why)
+    "wrap of the STM32's": (wrapped_stm32, 1, 0, {}),
+    "wrap of the GAP8's": (wrapped_gap8, 1, 0, {}),
+    "wrap of both": (lambda made: wrapped_gap8(wrapped_stm32(made)), 1, 0, {}),
+    "reset": (lambda made: models.stm32_leap(made, AT, -int(made.stm32_us[AT])), 2, 2, {}),
+    "reset twice": (reset_twice, 2, 2, {"repeated": 1}),
+    "leap +250 ms": (lambda made: models.stm32_leap(made, AT, 250_000), 2, 2, {}),
+    "leap -250 ms": (lambda made: models.stm32_leap(made, AT, -250_000), 2, 2, {}),
+    "leap +3 ms": (lambda made: models.stm32_leap(made, AT, 3_000), 2, 2, {}),
+    "leap -3 ms": (lambda made: models.stm32_leap(made, AT, -3_000), 2, 2, {}),
+    "lost for 3 s": (lambda made: models.silence(made, AT, 3), 1, 0, {}),
+    "lost for 15 s": (lambda made: models.silence(made, AT, 15), 1, 0, {}),
+    "backlog": (lambda made: models.backlog(made, AT, 0.5), 1, 0, {}),
+    "duplicates": (lambda made: models.duplicates(made, 0.2, 1), 1, 0, {"repeated": 1203}),
+    "swapped": (lambda made: models.swapped(made, 0.05, 1), 1, 0, {"out of order": 572}),
+    "stuck": (lambda made: models.stuck(made, AT, 2), 1, 0, {"the STM32's clock stood still": 197}),
+    "glitches early": (lambda made: models.glitches(made, [AT, 4000], 65_536), 1, 0, {"impossible": 2}),
+    "glitches late": (lambda made: models.glitches(made, [AT, 4000], -65_536), 1, 0, {"late": 2}),
+    "first an outlier": (lambda made: models.glitches(made, [0], -3_000_000), 1, 0, {"impossible": 1}),
+    "first two outliers": (lambda made: models.glitches(made, [0, 1], 3_000_000), 1, 0, {"impossible": 2}),
+    "GAP8 reboot": (lambda made: models.gap8_reboot(made, AT, 1.5), 2, 0, {}),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_nothing_wrong_passes(name: str) -> None:
+    fault, epochs, refused, dropped = FAULTS[name]
+    for seed in SEEDS:
+        made = fault(run(LINK, seed))
+        got = stamped(made)
+        error = np.abs(got.stm32_us - made.frame_true_us[got.frame])
+        assert len(got.fitted) == epochs, f"seed {seed}: {[each.epoch.why for each in got.fitted]}"
+        assert len(got.refused) <= refused
+        assert len(got.frame) + len(got.refused) == len(made.frame_gap8_us)
+        assert np.quantile(error, 0.95) < 6
+        assert (error <= got.bound_us).mean() >= 0.97
+        assert (error <= 2 * got.bound_us).all(), f"seed {seed}: {error.max()}"
+        assert dropped.keys() == got.sorted.dropped.keys()
+        if seed == SEEDS[0]:
+            assert dropped == got.sorted.dropped
+
+
+@pytest.mark.parametrize(("ppm", "worst_us"), [(50, 60), (-50, 60), (2000, 800), (-2000, 800)])
+def test_steps_of_the_rate(ppm: float, worst_us: float) -> None:
+    made = run(replace(LINK, rate_step_ppm=ppm), 5)
+    got = stamped(made)
+    error = np.abs(got.stm32_us - made.frame_true_us[got.frame])
+    assert error.max() < worst_us
+    assert (error <= got.bound_us).mean() > 0.97
+    assert (error <= got.bound_us + 20).all()
+
+
+def test_starvation_each_second() -> None:
+    made = run(replace(LINK, delay_us=starved), 5)
+    got = stamped(made)
+    error = np.abs(got.stm32_us - made.frame_true_us[got.frame])
+    assert len(got.fitted) == 1
+    assert np.quantile(error, 0.95) < 6
+
+
+def test_hours() -> None:
+    """84/85 against a right clock: 64 s apart in the end, and nothing overflows."""
+    made = run(replace(LINK, seconds=5400, fps=0.1), 7)
+    got = stamped(made)
+    error = np.abs(got.stm32_us - made.frame_true_us)
+    assert not got.refused
+    assert np.quantile(error, 0.95) < 5
+    assert got.fitted[0].is_slow
+
+
+def test_what_is_too_little_is_refused_with_a_reason() -> None:
+    made = run(LINK, 5)
+    for kept, why in [(0, "no messages"), (1, "too few messages"), (2, "too few messages"), (30, "too few messages")]:
+        few = models.take(made, np.arange(len(made.stm32_us)) < kept)
+        got = stamped(few)
+        assert len(got.frame) == 0
+        assert set(got.refused.values()) == {why}
+        assert len(got.refused) == len(made.frame_gap8_us)
+
+
+def test_frames_far_from_every_message_are_refused() -> None:
+    made = run(LINK, 5)
+    some = models.take(made, (np.arange(len(made.stm32_us)) >= 2000) & (np.arange(len(made.stm32_us)) < 3500))
+    got = stamped(some)
+    error = np.abs(got.stm32_us - made.frame_true_us[got.frame])
+    assert set(got.refused.values()) == {"before the first message", "after the last message"}
+    assert (error <= got.bound_us).all()
+    assert 0.35 < len(got.frame) / len(made.frame_gap8_us) < 0.65
+
+
+def test_a_leap_is_not_hidden_by_the_robots_own_count() -> None:
+    """The message says that the clock was reset, by so little that its times do not show it."""
+    made = models.stm32_leap(run(LINK, 5), AT, -200)
+    stm32, gap8, frames = (each.astype(np.uint64) for each in (made.stm32_us, made.gap8_us, made.frame_gap8_us))
+    resets = (np.arange(len(stm32)) >= AT).astype(np.int64)
+    got = stamp(stm32, gap8, frames, made.frame_after, resets)
+    assert len(got.fitted) == 2
+    assert (np.abs(got.stm32_us - made.frame_true_us[got.frame]) < 2 * got.bound_us).all()
+
+
+def test_unwrap() -> None:
+    top = (1 << 32) - 1
+    assert unwrap(np.array([top - 1, 1, 5], np.uint64)).tolist() == [top - 1, top + 2, top + 6]
+    assert unwrap(np.array([top - 1, 1, top, 5], np.uint64)).tolist() == [top - 1, top + 2, top, top + 6]
+    assert unwrap(np.array([10**12, 1, 5], np.uint64)).tolist() == [10**12, 1, 5]
+    assert unwrap(np.array([], np.uint64)).tolist() == []
+
+
+def test_ticks_are_recognised() -> None:
+    at = np.arange(0, 10**7, 9_973)
+    assert tick_us(at) == 1.0
+    assert tick_us(at // 1000 * 1000) == 1000.0
+    assert tick_us((at * 32768 // 10**6) * 10**6 // 32768) == 1e6 / 32768
