@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .finding import Finding, Stage
 from .listening import NS, Listening
-from .rules import LOST_SHARE, RULES, Finding, Stage, capture_period_us, host_is_slow
+from .rules import LOST_SHARE, RULES, capture_period_us, host_is_slow
 
 
 @dataclass(frozen=True, slots=True)

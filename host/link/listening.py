@@ -177,6 +177,11 @@ class Listening:
         return 0.0 if self.started_ns is None else (self.now_ns - self.started_ns) / NS
 
     @property
+    def garbage_bytes(self) -> int:
+        """A packet that was under way when the connection, or a recording, ended is none."""
+        return self.counters.garbage_bytes - self.counters.cut_bytes
+
+    @property
     def numbered(self) -> list[tuple[int, NativeHeader]]:
         return [(arrival_ns, header) for arrival_ns, _, header in self.frames if header is not None]
 
