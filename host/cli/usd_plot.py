@@ -100,7 +100,7 @@ def curves(log: Log, asked: str) -> list[Curve]:
     """The variables that a name means. LocalError when there are none, or of several types."""
     from ..usd.plot import Curve
 
-    of_type, _, name = asked.rpartition(":")
+    of_type, _, name = asked.removesuffix(".*").rpartition(":")
     if not name:
         raise LocalError(f"{asked or ','}: a name is empty: write variables or groups, apart by single commas")
     if of_type and of_type not in log.rows:

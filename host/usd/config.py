@@ -146,7 +146,7 @@ class Parser:
 
     def __init__(self, text: bytes, names: Names) -> None:
         said = dict(lines_of(text))
-        self._said = {number: printable(line) for number, line in said.items()}
+        self._said = {number: line.decode("latin-1") for number, line in said.items()}
         filled = [number for number, line in self._said.items() if line]
         self._places = {line: place for place, line in enumerate(filled, 1)}
         asked = {each for each in self._said.values() if len(each.removeprefix("on:")) <= lib.USD_CONFIG_LINE_MAX}
@@ -210,10 +210,6 @@ class Parser:
         size = lib.USD_ROW_HEAD_BYTES + sum(np.dtype(NUMPY[letter]).itemsize for letter in letters)
         variables = tuple(Variable(name, self._names.variables[name]) for name in picked)
         return Block(event, variables, tuple(self._lines.get(place, ())), size)
-
-
-def printable(line: bytes) -> str:
-    return "".join(chr(byte) if 0x21 <= byte <= 0x7E else f"\\x{byte:02x}" for byte in line)
 
 
 def c_name(name: str) -> dict[str, bytes]:

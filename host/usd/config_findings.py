@@ -17,7 +17,7 @@ RING_PLACE = 2
 """Among the lines that are not empty."""
 STOCK_NAME_LINE = 12
 """Characters that it reads of line 3."""
-MARK = "\\xef\\xbb\\xbf"
+MARK = "\xef\xbb\xbf"
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -55,7 +55,7 @@ def explain(line: int, kind: int, said: str, place: int, names: Known) -> Findin
     """A finding of the C's. `said`: the line without white space and comment; `place`: its number among those that are
     not empty then."""
     severity: Literal["error", "warning"] = "error" if kind <= lib.USD_ERROR_LAST else "warning"
-    return Finding(line, severity, TEXTS[kind].__name__, TEXTS[kind](said, place, names))
+    return Finding(line, severity, TEXTS[kind].__name__, printable(TEXTS[kind](said, place, names)))
 
 
 def version(said: str, place: int, names: Known) -> str:
@@ -235,4 +235,9 @@ def nothing(line: int) -> Finding:
 
 
 def shortened(text: str) -> str:
-    return text if len(text) <= 40 else f"{text[:40]}…"
+    return text if len(text) <= 40 else f"{text[:40]}..."
+
+
+def printable(text: str) -> str:
+    """On any terminal."""
+    return "".join(each if " " <= each <= "~" else f"\\x{ord(each):02x}" for each in text)

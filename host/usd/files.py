@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import mmap
+import os
+import stat
 from pathlib import Path
 
 from ..protocol.errors import LocalError, PeerError
@@ -73,6 +75,8 @@ def split(name: str) -> tuple[str, str]:
 def read_file(name: str) -> bytes | mmap.mmap:
     try:
         with Path(name).open("rb") as file:
+            if stat.S_ISCHR(os.fstat(file.fileno()).st_mode):
+                raise LocalError(f"{name}: a device that has no end: name a file")
             try:
                 return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
             except (ValueError, OSError):

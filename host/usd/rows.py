@@ -63,11 +63,12 @@ def crc32(data: memoryview, begin: int = 0, end: int | None = None) -> int:
 
 def filling(data: memoryview) -> str | None:
     """Of bytes that nobody has written."""
-    if len(data) >= CRC_BYTES and not any(data):
+    if len(data) < CRC_BYTES:
+        return None
+    values = np.frombuffer(data, np.uint8)
+    if not values.any():
         return "zeros: never written"
-    if len(data) >= CRC_BYTES and set(data) == {0xFF}:
-        return "0xFF only: an erased part of the card"
-    return None
+    return "0xFF only: an erased part of the card" if values.min() == 0xFF else None
 
 
 class RowReader:

@@ -35,6 +35,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (["acc", "pm.vbatMV"], [["acc.x", "acc.y"], ["pm.vbatMV"]]),
         (["acc.x,estTDOA:distanceDiff"], [["acc.x", "distanceDiff"]]),
         (["fixedFrequency:acc"], [["acc.x", "acc.y"]]),
+        (["acc.*"], [["acc.x", "acc.y"]]),
     ],
 )
 @pytest.mark.parametrize("output", ["p.svg", "p.PNG"])

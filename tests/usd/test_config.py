@@ -74,6 +74,8 @@ LONG = b"stateEstimate.a_very_long_name_indeed"
 TRAPS: list[tuple[str, bytes, list[tuple[int, str, str]]]] = [
     ("no newline", HEAD + FIXED + b"tt.f\ntt.B", [(9, "no_newline", "'tt.B'")]),
     ("long line", HEAD + FIXED + LONG + b"\n", [(8, "line_long", "'indeed'")]),
+    ("long line, not ASCII", HEAD + FIXED + b"\xe9" * 40 + b"\n", [(8, "line_long", r"40 characters, and 31 count")]),
+    ("not ASCII", HEAD + FIXED + b"tt.\xe9\x1b\n", [(8, "variable", r"'tt.\xe9\x1b'")]),
     ("unknown variable", HEAD + FIXED + b"tt.F\ntt.f\n", [(8, "variable", "did you mean tt.f?")]),
     ("unknown event", HEAD + b"on:estPos\ntt.f\n", [(5, "event", "did you mean on:estPose?")]),
     ("wrong case", HEAD + b"on:fixedfrequency\n500\n1\n", [(5, "event", "did you mean on:fixedFrequency?")]),
