@@ -15,15 +15,16 @@ if TYPE_CHECKING:
 SIZE_MAX = 65536
 """Bytes of a config.txt that somebody has written by hand."""
 EXAMPLES = """\
-Which variables there are, only the robot's firmware knows. --log FILE takes the names out of a log of the same robot,
-and the most that each event came in a second; --any takes every name, and its type for the largest one.
+Which variables there are, only the robot's firmware knows. Without an option, those of this project's firmware are
+taken. --log LOG takes the names out of a log of the same robot, and the most that each event came in a second; --any
+takes every name, and its type for the largest one.
 
 Errors: something that was asked for is not logged, and the exit code is 4. Warnings: something is other than it looks,
-here or in the Crazyflie's own firmware. A stall is a single one, of a card that is prompt otherwise; what the
+here or in the Crazyflie's own firmware. A stall is a single one, of a card that takes at most 2 ms otherwise; what the
 Crazyflie's logger survives is its ring divided by the rate, which it does not always reach.
 
 examples:
-  host usd config check config.txt --any
+  host usd config check config.txt
   host usd config check card/config.txt --log card/log00
   host usd config check config.txt --any --rate estPose=100 --json
 """
@@ -41,7 +42,7 @@ def add_parser(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     check.add_argument("file", metavar="FILE", help="a config.txt")
-    names = check.add_mutually_exclusive_group(required=True)
+    names = check.add_mutually_exclusive_group()
     names.add_argument("--log", metavar="LOG", help="a log of the same robot: only what it has logged exists")
     names.add_argument("--any", action="store_true", help="every name exists")
     check.add_argument(
@@ -95,12 +96,14 @@ def read_text(name: str) -> bytes:
 
 
 def names_for(arguments: argparse.Namespace, text: bytes) -> Names:
-    from ..usd.config import names_of_log, names_of_text
+    from ..usd.config import names_of_firmware, names_of_log, names_of_text
     from ..usd.decode import decode
     from ..usd.files import read_log
 
     if arguments.any:
         return names_of_text(text)
+    if arguments.log is None:
+        return names_of_firmware()
     return names_of_log(decode(read_log(arguments.log)), arguments.log)
 
 
@@ -149,6 +152,8 @@ def lines(name: str, config: Config, cost: Budget, names: Names, rates: dict[str
     yield f"{name}: {counted(config.errors, 'error')}, {counted(config.warnings, 'warning')}"
     for each in config.findings:
         yield f"  line {each.line:<4} {each.severity:<8} {each.text}"
+    if names.is_ours and any(each.kind in ("variable", "event") for each in config.findings):
+        yield "  names are those of this project's firmware; of another: --log with a log of the robot, or --any"
     if not config.usable:
         yield "  nothing would be logged"
         return

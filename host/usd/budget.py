@@ -2,14 +2,15 @@
 
 The logger of firmware/stm32 writes as soon as there is a whole sector, and what is being written stays in the ring
 until the card has answered. So when a stall begins, the ring of a card that was prompt until then holds at most a
-sector less one byte, and the rows of one moment or a status row. A row is dropped if it does not fit into the rest, of
-which the file's end is always kept free.
+sector less one byte, the rows of one moment, a status row, and the rows that came during the few operations around a
+sync. A row is dropped if it does not fit into the rest, of which the file's end is always kept free.
 
 The Crazyflie's own logger writes what there is, at the lowest priority: its ring is empty at best.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -18,6 +19,10 @@ from .config import FIXED, Config
 
 SECTOR_BYTES = 512
 SYNC_S = 0.25
+PROMPT_S = 0.002
+"""A card is prompt that takes no longer for an operation."""
+OPERATIONS = 4
+"""Space allocated, back to the place of the next write, written, synced: most that are between two writes of rows."""
 STALL_S = 0.5
 """So long the Crazyflie's firmware waits for a card before it gives up: a longer stall is an error."""
 
@@ -48,8 +53,9 @@ def budget(config: Config, rates_hz: Mapping[str, float]) -> Budget:
     rows = sum(rates[block.event] for block in counted)
     row_bytes = sum(rates[block.event] * block.row_bytes for block in counted)
     moment = sum(block.row_bytes for block in config.blocks)
-    # What may be in it when the stall begins, and one row of each event that comes at once.
-    least = lib.USD_LOG_END_BYTES + SECTOR_BYTES - 1 + max(moment, lib.USD_STATUS_BYTES)
+    ahead = SECTOR_BYTES - 1 + moment + lib.USD_STATUS_BYTES + math.ceil(OPERATIONS * PROMPT_S * row_bytes)
+    least = lib.USD_LOG_END_BYTES + ahead
+    # One row of each event may come at once, and others before a period is over.
     early = sum(block.row_bytes for block in counted if block.event != FIXED)
     room = config.ring_bytes - least - early
     status = lib.USD_STATUS_BYTES / SYNC_S

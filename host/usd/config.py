@@ -19,6 +19,8 @@ from .header import NUMPY
 from .log import STATUS_EVENT, Log, Rows, Variable
 
 FIXED = "fixedFrequency"
+IMU_HZ = 1000.0
+"""Of the events that come with each of its samples."""
 TABLE_MAX = 255
 """Names that the parser's table takes."""
 PAYLOADS: Mapping[str, str] = {
@@ -51,6 +53,8 @@ class Names:
     """By event: types of the values that it carries of its own."""
     rates_hz: Mapping[str, float] = field(default_factory=dict)
     """By event, where they were seen."""
+    is_ours: bool = False
+    """Of this project's firmware."""
     typed: bool = True
     """False: types are not known, and the largest ones are taken."""
 
@@ -88,6 +92,21 @@ class Config:
     @property
     def warnings(self) -> int:
         return len(self.findings) - self.errors
+
+
+def names_of_firmware() -> Names:
+    """What this project's firmware offers (firmware/stm32/values.h)."""
+    table = lib.stm32_table()
+    return Names(
+        "this project's firmware",
+        {text(each.name): each.type.decode() for each in table.variables[0 : table.variable_count]},
+        {
+            text(each.name): "".join(value.type.decode() for value in each.payload[0 : each.payload_count])
+            for each in table.events[0 : table.event_count]
+        },
+        {"estGyroscope": IMU_HZ, "estAcceleration": IMU_HZ},
+        is_ours=True,
+    )
 
 
 def names_of_log(log: Log, source: str) -> Names:
@@ -210,6 +229,10 @@ class Parser:
         size = lib.USD_ROW_HEAD_BYTES + sum(np.dtype(NUMPY[letter]).itemsize for letter in letters)
         variables = tuple(Variable(name, self._names.variables[name]) for name in picked)
         return Block(event, variables, tuple(self._lines.get(place, ())), size)
+
+
+def text(name: Any) -> str:
+    return str(ffi.string(name).decode("ascii"))
 
 
 def c_name(name: str) -> dict[str, bytes]:

@@ -43,6 +43,19 @@ def test_what_a_config_costs(card: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert (record["types_known"], record["uncounted"]) == (False, [])
 
 
+def test_names_of_this_firmware(card: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (card / "ours").write_bytes(GOOD.replace(b"estTDOA", b"estGyroscope"))
+    assert main(["usd", "config", "check", str(card / "ours"), "--json"]) == 0
+    (record,) = records(capsys)
+    assert record["rows_per_s"] == 1500
+    (card / "theirs").write_bytes(GOOD.replace(b"acc.y", b"acc.w"))
+    assert main(["usd", "config", "check", str(card / "theirs")]) == 4
+    shown = capsys.readouterr().out
+    assert "no variable 'acc.w' in this project's firmware" in shown
+    assert "no event 'estTDOA' in this project's firmware" in shown
+    assert "of another: --log with a log of the robot, or --any" in shown
+
+
 def test_findings_name_their_lines(card: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["usd", "config", "check", str(card / "bad"), "--log", str(card / "log00"), "--json"]) == 4
     *found, summary = records(capsys)

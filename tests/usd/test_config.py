@@ -2,16 +2,14 @@
 
 import random
 import struct
-from collections.abc import Iterator
-from itertools import count
 
 import pytest
 from logs import Writer, fill, real
 
-from host.native import ffi, lib
+from host.native import lib
 from host.protocol.errors import LocalError
 from host.usd.budget import budget
-from host.usd.config import Config, Names, names_of_log, names_of_text, read_config
+from host.usd.config import Names, names_of_firmware, names_of_log, names_of_text, read_config
 from host.usd.decode import decode
 
 HEAD = b"1 # version\n4096 # ring\nlog\n0\n"
@@ -166,17 +164,21 @@ def test_names_out_of_a_log() -> None:
         names_of_log(decode(b""), "log00")
 
 
+def test_names_of_this_firmware() -> None:
+    names = names_of_firmware()
+    assert (names.variables["stateEstimate.x"], names.variables["pm.vbatMV"]) == ("f", "H")
+    assert names.payloads == {"estPose": "", "estPosition": "B", "estGyroscope": "", "estAcceleration": ""}
+    text = HEAD + FIXED + b"gyro.x\non:estPosition\n"
+    config = read_config(text, names)
+    assert [block.row_bytes for block in config.blocks] == [14, 11]
+    assert not config.findings
+
+
 def test_the_log_of_a_real_robot_lacks_what_its_firmware_did_not_have() -> None:
     names = names_of_log(decode(real("sync-3-robots/cf231_00")), "cf231_00")
     config = read_config(real("sync-3-robots/config.txt"), names)
     assert [(each.line, each.kind) for each in config.findings] == [(line, "variable") for line in (17, 18, 19)]
     assert config.blocks[0].row_bytes == 10 + 12 * 4
-
-
-def configured(ring: int, hz: int, floats: int) -> Config:
-    lines = b"".join(b"v.v%d\n" % number for number in range(floats))
-    text = b"1\n%d\nlog\n0\non:fixedFrequency\n%d\n1\n%s" % (ring, hz, lines)
-    return read_config(text, names_of_text(text))
 
 
 def test_figures() -> None:
@@ -191,74 +193,3 @@ def test_figures() -> None:
     assert cost.stall_ms == 0
     assert budget(config, {}).uncounted == ("estPose",)
     assert budget(config, {}).rows_per_s == 250
-
-
-class PromptCard:
-    """Takes whole sectors as soon as there are any, and everything at a sync, at once; but for one stall."""
-
-    def __init__(self, config: Config) -> None:
-        count_of = len(config.blocks[0].variables)
-        self.variables = ffi.new("usd_variable_t[]", [{"name": b"v.v", "type": b"f"}] * count_of)
-        self.table = ffi.new("usd_table_t *", (self.variables, ffi.NULL, count_of, 0))
-        self.config = ffi.new("usd_config_t *")
-        self.config.table, self.config.ring_bytes, self.config.block_count = self.table, config.ring_bytes, 1
-        self.config.blocks[0] = {
-            "event": lib.USD_CONFIG_FIXED, "variable_count": count_of, "variables": bytes(range(count_of)),
-        }  # fmt: skip
-        self.log, self.ring = ffi.new("usd_log_t *"), ffi.new("uint8_t[]", config.ring_bytes)
-        self.values, self.room = bytes(4 * count_of), ffi.new("uint8_t[]", 1 << 16)
-        lib.usd_log_begin(self.log, self.config, self.ring, ffi.new("usd_counters_t *"), 0)
-        self.write(everything=True)
-
-    def row(self) -> None:
-        lib.usd_log_row(self.log, ffi.addressof(self.config.blocks[0]), 0, self.values)
-
-    def write(self, everything: bool) -> None:
-        end = self.log.bytes if everything else self.log.bytes // 512 * 512
-        if end > self.log.written:
-            lib.usd_log_taken(self.log, end - self.log.written)
-
-    def sync(self) -> None:
-        lib.usd_log_status(self.log, 0)
-
-
-def rows_survived(config: Config, before: int, synced: bool) -> int:
-    """How many rows come during the stall before one is lost. It begins after so many rows, with their write."""
-    card = PromptCard(config)
-    for _ in range(before):
-        card.row()
-        card.write(everything=False)
-    if synced:
-        card.sync()
-    else:
-        while card.log.bytes // 512 * 512 <= card.log.written:
-            card.row()
-    for rows in count():
-        card.row()
-        if card.log.counters.dropped:
-            return rows
-    raise AssertionError
-
-
-def stalls() -> Iterator[tuple[int, int, int]]:
-    rng = random.Random(5)
-    for _ in range(15):
-        yield (
-            rng.choice([700, 1024, 4096, rng.randrange(800, 9000)]),
-            rng.choice([100, 250, 1000]),
-            rng.randrange(3, 21),
-        )
-
-
-@pytest.mark.parametrize(("ring", "hz", "floats"), list(stalls()))
-def test_a_stall_that_is_survived(ring: int, hz: int, floats: int) -> None:
-    """By the firmware's own ring, wherever in the file it comes: never fewer rows than reckoned; nor many more."""
-    config = configured(ring, hz, floats)
-    found = [rows_survived(config, before, synced) for before in range(0, 60, 5) for synced in (False, True)]
-    cost = budget(config, {})
-    reckoned = int(cost.stall_ms / 1000 * hz + 1e-9)
-    if cost.stall_ms:
-        assert reckoned <= min(found) <= reckoned + 1 + 512 // 22
-    assert (ring >= cost.ring_least) or cost.stall_ms == 0
-    wanted = budget(configured(min(cost.ring_wanted, 65535), hz, floats), {})
-    assert wanted.stall_ms >= 500 or cost.ring_wanted > 65535
