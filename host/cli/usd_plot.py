@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -125,6 +124,8 @@ def curves(log: Log, asked: str) -> list[Curve]:
 
 
 def near(name: str, there: list[str]) -> str:
+    import difflib
+
     same = [each for each in there if each.lower() == name.lower()]
     found = same or difflib.get_close_matches(name, there, n=3, cutoff=0.6)
     return f": did you mean {' or '.join(found)}?" if found else ": 'host usd info' lists what there is"
