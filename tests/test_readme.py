@@ -160,6 +160,18 @@ def test_logs(command: str, tmp_path: Path) -> None:
     assert result.stdout
 
 
+def test_times_afterwards(tmp_path: Path) -> None:
+    """The `host sync stamps` lines, on a recording; those about logs need real ones (tests/clock/test_robots.py)."""
+    record = ["--port", "sim://hover?pace=max", "--count", "20", "--record", "flight1.mcap", "--json"]
+    assert host("stream", *record, cwd=tmp_path).returncode == 0
+    commands = re.findall(r"^\.venv/bin/host (sync stamps .*)$", README, re.MULTILINE)
+    assert len(commands) == 2
+    for command in commands:
+        result = host(*shlex.split(command, comments=True), cwd=tmp_path)
+        assert result.returncode == 0, result.stderr
+        assert "stamped" in result.stdout
+
+
 def test_the_two_commands_exist() -> None:
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
     assert {"stream", "test"} <= set(targets)

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Sequence
 
 from ..protocol.errors import ConnectionLostError, LocalError, PeerError, PeerSilentError, SpindeckError
-from . import deck, dissect, doctor, firmware, ports, recover, replay, sim, stream, usd
+from . import deck, dissect, doctor, firmware, ports, recover, replay, sim, stream, sync, usd
 
 EXIT_LOCAL = 2
 EXIT_INTERRUPTED = 130
@@ -56,6 +56,7 @@ def parser() -> argparse.ArgumentParser:
     dissect.add_parser(commands)
     deck.add_parser(commands)
     usd.add_parser(commands)
+    sync.add_parser(commands)
     firmware.add_parser(commands)
     list_exit_codes(top)
     return top

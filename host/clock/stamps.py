@@ -27,8 +27,8 @@ NEAR_S = 0.5
 BOUND_US_MAX = 20_000.0
 LONE_PPM = 0.5
 """How far a rate may change within a second that nothing was heard in, at the least."""
-SLOW = 84 / 85
-"""Of a right clock's rate: STM32 firmware before August 2026."""
+SLOW_PPM = 1e6 / 84
+"""Drift of a right clock against one that counts 84 where 85 have passed: STM32 firmware before August 2026."""
 WIRE_US = 17 * 10 * 365 / 42
 """A native message on UART1, from the reading of the clock to the last stop bit."""
 
@@ -49,7 +49,9 @@ class Fitted:
     drift_ppm: float
     """Of the GAP8's clock against the STM32's, mean."""
     is_slow: bool
-    """The STM32's clock counts 84 where 85 have passed."""
+    """The STM32's clock counts 84 where 85 have passed: the drift is nearer to that than to none."""
+    wire_stm32_us: float
+    """A message's time on the wire, as the STM32's clock counts."""
     steadiness: Steadiness
 
 
@@ -72,7 +74,7 @@ class Stamped:
     refused: dict[int, Refusal]
     """By frame."""
     wire_us: float
-    """Taken off each message's delay, GAP8 time."""
+    """Taken off each message's delay."""
 
 
 def stamp(
@@ -82,9 +84,11 @@ def stamp(
     frame_after: Ints,
     resets: Ints | None = None,
     wire_us: float = 0.0,
+    stm32_tick_us: float = 1.0,
 ) -> Stamped:
-    """As ticks.sort takes them. `wire_us`: how long a message is on the wire."""
-    ticks = tick_us(gap8), tick_us(stm32)
+    """As ticks.sort takes them. `wire_us`: how long a message is on the wire. The GAP8's ticks show in its readings,
+    the STM32's do not: it may send at whole milliseconds on a clock of 1 us."""
+    ticks = tick_us(gap8), stm32_tick_us
     all_ = sort(stm32, gap8, frame_gap8, frame_after, resets, max(ticks))
     fitted = tuple(fit(all_, each, max(ticks), wire_us) for each in all_.epochs if is_enough(all_, each))
     frames = all_.frame_gap8_us.astype(np.float64) + ticks[0] / 2
@@ -97,7 +101,7 @@ def stamp(
         at_s = (frames[mine] - each.begin_us) * 1e-6
         knots = each.smoothed.track
         # Ticks are read as their middle, on both clocks; the half tick of the STM32's is what it is on average.
-        value[mine] = frames[mine] - each.base_us - knots.at(at_s) - (ticks[0] - ticks[1]) / 2 + wire_us
+        value[mine] = frames[mine] - each.base_us - knots.at(at_s) - (ticks[0] - ticks[1]) / 2 + each.wire_stm32_us
         mine_bound = np.interp(at_s, knots.time_s, each.smoothed.bound_us) + (ticks[0] + ticks[1]) / 2
         bound[mine] = mine_bound + away_us(all_, each, frames[mine])
         owner[mine] = number
@@ -124,9 +128,11 @@ def fit(all_: Sorted, epoch: Epoch, coarse_us: float, wire_us: float) -> Fitted:
     even = step_s * np.arange(int(curve.time_s[-1] / step_s), dtype=np.float64)
     late = [float(offset[k] - curve.at(time_s[k : k + 1] if k == 0 else time_s[k:])[0]) for k in (0, -1)]
     sent = (float(gap8[0]) - max(late[0], 0) - wire_us, float(gap8[-1]) - max(late[1], 0) - wire_us)
+    is_slow = abs(drift - SLOW_PPM) < abs(drift)
+    wire_stm32_us = wire_us * (84 / 85 if is_slow else 1)
     return Fitted(
         epoch, int(all_.message_boot[epoch.messages[0]]), begin, base, sent, made, drift,
-        abs(drift - (1 / SLOW - 1) * 1e6) < abs(drift), allan_deviation(curve.at(even), step_s),
+        is_slow, wire_stm32_us, allan_deviation(curve.at(even), step_s),
     )  # fmt: skip
 
 

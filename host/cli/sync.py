@@ -1,0 +1,78 @@
+"""`host sync`: one clock's times on another, from recordings and logs."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+STAMPS_EXAMPLES = """\
+Native frames bring all messages with both clocks; NanoCockpit's bring one each. The times that are worked out from all
+of them are those of the end of frame on the STM32's clock, with a bound that holds for 99 % of the frames. A frame for
+which nothing is known is refused, with the reason. Stock and paper frames carry no times of messages: of these it says
+what can be repaired and what cannot.
+
+OUT is a CSV file with a line for each frame. REC is only read.
+
+examples:
+  host sync stamps flight1.mcap
+  host sync stamps flight1.mcap --apply flight1.csv --plot flight1.svg
+  host sync stamps flight1.mcap --robot 1 --json
+"""
+ROBOTS_EXAMPLES = """\
+The robots must have heard the same broadcasts of motion capture, and have logged what was in them: a variable that only
+changes with a broadcast, in all logs the same values. It is found by itself, or named by --variable (a group, as
+stateEstimate, or more names).
+
+Slopes are the second clock's seconds over the first one's, less 1, in ppm; offsets are second less first. For three
+logs and more the closure says whether the slopes agree.
+
+examples:
+  host sync robots cf231_00 cf5_00 cf6_00
+  host sync robots cf231_00 cf5_00 --variable stateEstimate.px,stateEstimate.py,stateEstimate.pz --json
+"""
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declares the command, its subcommands and their options."""
+    this = commands.add_parser(
+        "sync",
+        help="work out times on another clock afterwards",
+        description="Work out times on another clock afterwards, from recordings and logs.",
+    )
+    verbs = this.add_subparsers(dest="verb", metavar="VERB", title="verbs", required=True)
+    stamps = add_verb(verbs, "stamps", run_stamps, "give each frame of a recording its STM32 time", STAMPS_EXAMPLES)
+    stamps.add_argument("file", metavar="REC", help="a recording (host stream --record)")
+    stamps.add_argument("--robot", metavar="N", type=int, help="only this robot's; without it, all")
+    stamps.add_argument("--apply", metavar="OUT", help="write the times: a CSV file, one line a frame")
+    stamps.add_argument("--plot", metavar="FILE", help="draw delays, drift and bound: .svg or .png")
+    stamps.add_argument("--force", action="store_true", help="overwrite OUT and FILE")
+    robots = add_verb(verbs, "robots", run_robots, "compare the clocks of robots by their logs", ROBOTS_EXAMPLES)
+    robots.add_argument("files", metavar="LOG", nargs="+", help="µSD logs of one run, two or more")
+    robots.add_argument("--variable", metavar="NAMES", help="what was broadcast: variables, joined by commas")
+
+
+def add_verb(
+    verbs: argparse._SubParsersAction[argparse.ArgumentParser], name: str, run: Any, says: str, examples: str
+) -> argparse.ArgumentParser:
+    verb = verbs.add_parser(
+        name,
+        help=says,
+        description=f"{says[0].upper()}{says[1:]}.",
+        epilog=examples,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    verb.add_argument("--json", action="store_true", help="JSON lines on stdout")
+    verb.set_defaults(run=run)
+    return verb
+
+
+def run_stamps(arguments: argparse.Namespace) -> int:
+    from . import sync_stamps
+
+    return sync_stamps.run(arguments)
+
+
+def run_robots(arguments: argparse.Namespace) -> int:
+    from . import sync_robots
+
+    return sync_robots.run(arguments)

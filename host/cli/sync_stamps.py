@@ -1,0 +1,284 @@
+"""`host sync stamps`: what it reads out of a recording, and what it says."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..clock.stamps import WIRE_US, Stamped, stamp
+from ..link.records import PAIR_DTYPE, Frame
+from ..protocol.errors import LocalError, PeerError
+from .as_json import line
+
+if TYPE_CHECKING:
+    from ..usd.drawing import Shape
+
+NANOCOCKPIT_WIRE_US = 40 * 10 * 365 / 42
+HEADER = "frame_index,frame,frame_gap8_us,frame_stm32_us,bound_us,epoch,refused"
+CANNOT = {
+    "stock": "stock frames carry no time and no message of the STM32's: nothing can be worked out but their arrival;"
+    " use native firmware",
+    "paper": "paper frames carry one STM32 time in ms, already worked out, and neither the GAP8's clock nor the"
+    " messages: it cannot be worked out anew. Constant parts can be taken off: add 3.476 ms (40 bytes on the wire), and"
+    " 0.5 ms for the cut to ms; subtract readout and exposure to get their middle. Frames that were stamped by an old"
+    " message cannot be told from others",
+}
+NANOCOCKPIT = (
+    "NanoCockpit frames bring the last state alone: between frames all others are lost, and as released its STM32 time"
+    " is a tick of 1 ms"
+)
+UNSEEN = "a delay that every message has beyond the wire; how late the GAP8 reads its clock at the end of a frame"
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One robot's frames, in their order, and all messages with both clocks."""
+
+    robot: int
+    dialects: dict[str, int]
+    """Frames by firmware."""
+    stm32: np.ndarray[Any, np.dtype[np.uint64]]
+    gap8: np.ndarray[Any, np.dtype[np.uint64]]
+    resets: np.ndarray[Any, np.dtype[np.int64]] | None
+    index: list[int]
+    """Of each frame with a GAP8 time, in the recording ..."""
+    number: list[int]
+    """... and on the robot."""
+    frame_gap8: np.ndarray[Any, np.dtype[np.uint64]]
+    frame_after: np.ndarray[Any, np.dtype[np.int64]]
+    own_stm32_us: np.ndarray[Any, np.dtype[np.float64]]
+    """The robot's estimates; NaN: none."""
+    in_ms: bool
+    wire_us: float
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """0 if every robot's frames have been looked at; 4 if there is no frame."""
+    from ..link.replay import Recording
+
+    recording = Recording(arguments.file)
+    robots = sorted(recording.sources) if arguments.robot is None else [recording.source(arguments.robot).number]
+    recording.close()
+    if len(robots) > 1 and (arguments.apply or arguments.plot):
+        raise LocalError(f"{arguments.file}: of {len(robots)} robots; choose one with --robot to write or draw")
+    for robot in robots:
+        source = read(arguments.file, robot)
+        if not source.dialects:
+            raise PeerError(f"{arguments.file}: robot {robot}: no frame came whole")
+        result = None
+        if source.index:
+            all_times = source.stm32, source.gap8, source.frame_gap8, source.frame_after, source.resets
+            result = stamp(*all_times, source.wire_us, 1000.0 if source.in_ms else 1.0)
+        if arguments.json:
+            print(line(as_record(arguments.file, source, result)))
+        else:
+            print("\n".join(lines(arguments.file, source, result)))
+        if (arguments.apply or arguments.plot) and (result is None or not len(result.frame)):
+            raise PeerError(f"{arguments.file}: robot {robot}: no frame can be given a time, so nothing was written")
+        if arguments.apply and result is not None:
+            write(arguments.apply, source, result, arguments.force)
+        if arguments.plot and result is not None:
+            draw(arguments.plot, source, result, arguments.force)
+    return 0
+
+
+def read(name: str, robot: int) -> Source:
+    """All frames of one robot."""
+    from ..link.replay_url import to_url
+    from ..link.stream import open_stream
+
+    dialects: Counter[str] = Counter()
+    pairs: list[Any] = []
+    states: list[tuple[int, int]] = []
+    index: list[int] = []
+    numbers: list[int] = []
+    gap8: list[int] = []
+    after: list[int] = []
+    own: list[float] = []
+    messages = 0
+    with open_stream(to_url(name, pace="max", robot=robot), timeout=None) as stream:
+        for frame in stream:
+            dialects[frame.dialect] += 1
+            if frame.pairs is not None:
+                pairs.append(frame.pairs)
+                messages += len(frame.pairs)
+            elif frame.nanocockpit and frame.nanocockpit.state_gap8_us:
+                states.append((frame.nanocockpit.state.stm32_time, frame.nanocockpit.state_gap8_us))
+                messages += 1
+            if frame.native or frame.nanocockpit:
+                index.append(frame.index)
+                numbers.append(number_of(frame))
+                gap8.append((frame.native or frame.nanocockpit).frame_gap8_us)  # type: ignore[union-attr]
+                after.append(messages)
+                own.append(np.nan if frame.frame_stm32_us is None else float(frame.frame_stm32_us))
+    in_ms = False
+    if pairs:
+        table = np.concatenate([np.empty(0, PAIR_DTYPE), *pairs])
+        stm32, arrived, resets = table["stm32_us"], table["gap8_us"], table["epoch"].astype(np.int64)
+    else:
+        both = np.array(states, np.uint64).reshape(-1, 2)
+        stm32, arrived, resets = both[:, 0], both[:, 1], None
+        in_ms = counts_ms(stm32, arrived)
+        stm32 = stm32 * np.uint64(1000 if in_ms else 1)
+    return Source(
+        robot, dict(dialects), stm32, arrived, resets, index, numbers, np.array(gap8, np.uint64),
+        np.array(after, np.int64), np.array(own), in_ms, WIRE_US if pairs else NANOCOCKPIT_WIRE_US,
+    )  # fmt: skip
+
+
+def number_of(frame: Frame) -> int:
+    if frame.native:
+        return frame.native.frame
+    return frame.nanocockpit.frame_id if frame.nanocockpit else frame.index
+
+
+def counts_ms(stm32: Any, gap8: Any) -> bool:
+    """NanoCockpit's wire does not say whether its STM32 time is ticks of 1 ms, or us."""
+    if len(stm32) < 3:
+        return False
+    passed = np.diff(gap8.astype(np.int64))
+    return float(np.median(np.diff(stm32.astype(np.int64))[passed > 0] / passed[passed > 0])) < 0.1
+
+
+def as_record(name: str, source: Source, result: Stamped | None) -> dict[str, Any]:
+    """For a program."""
+    record: dict[str, Any] = {
+        "event": "stamps",
+        "file": name,
+        "robot": source.robot,
+        "frames": source.dialects,
+        "messages": len(source.stm32),
+        "notes": list(notes(source)),
+    }
+    if result is None:
+        return {**record, "stamped": 0, "refused": {}, "epochs": []}
+    return {
+        **record,
+        "stamped": len(result.frame),
+        "refused": dict(Counter(result.refused.values())),
+        "messages_dropped": result.sorted.dropped,
+        "gap8_tick_us": result.gap8_tick_us,
+        "stm32_tick_us": result.stm32_tick_us,
+        "not_in_bound": UNSEEN,
+        "wire_us": round(result.wire_us, 1),
+        "bound_us_median": median(result.bound_us),
+        "own_error_us": own_error(source, result),
+        "epochs": [epoch_record(result, number) for number in range(len(result.fitted))],
+    }
+
+
+def median(values: Any) -> float | None:
+    return round(float(np.median(values)), 2) if len(values) else None
+
+
+def own_error(source: Source, result: Stamped) -> dict[str, float] | None:
+    """Of the times that the robot gave, against those from all messages: median and worst."""
+    away = source.own_stm32_us[result.frame] - result.stm32_us
+    away = away[~np.isnan(away)]
+    if not len(away):
+        return None
+    worst = float(away[np.argmax(np.abs(away))])
+    return {"median": round(float(np.median(away)), 1), "sd": round(float(away.std()), 1), "worst": round(worst, 1)}
+
+
+def epoch_record(result: Stamped, number: int) -> dict[str, Any]:
+    each = result.fitted[number]
+    mine = result.epoch == number
+    known = each.steadiness
+    best = int(np.argmin(known.deviation_ppm)) if known.span_s else None
+    return {
+        "epoch": number,
+        "why": each.epoch.why,
+        "from_gap8_us": round(each.sent_us[0]),
+        "to_gap8_us": round(each.sent_us[1]),
+        "messages": len(each.epoch.messages),
+        "frames": int(mine.sum()),
+        "drift_ppm": round(each.drift_ppm, 3),
+        "stm32_counts_84_of_85": each.is_slow,
+        "delay_us": median(each.smoothed.mu_us),
+        "bound_us_median": median(result.bound_us[mine]),
+        "bound_us_max": round(float(result.bound_us[mine].max()), 2) if mine.any() else None,
+        "block_s": median(each.smoothed.block_s),
+        "steadiest_ppm": None if best is None else round(known.deviation_ppm[best], 4),
+        "steadiest_s": None if best is None else round(known.span_s[best], 2),
+    }
+
+
+def notes(source: Source) -> Iterator[str]:
+    for dialect in source.dialects:
+        if dialect in CANNOT and "native" not in source.dialects:
+            yield CANNOT[dialect]
+        elif dialect == "nanocockpit":
+            yield NANOCOCKPIT
+
+
+def lines(name: str, source: Source, result: Stamped | None) -> Iterator[str]:
+    """For people."""
+    record = as_record(name, source, result)
+    frames = ", ".join(f"{count} {dialect} frames" for dialect, count in source.dialects.items())
+    yield f"{name}, robot {source.robot}: {frames}, {len(source.stm32)} messages with both clocks"
+    if result is not None:
+        yield (
+            f"  clocks    GAP8 in steps of {result.gap8_tick_us:.4g} us, STM32 of {result.stm32_tick_us:.4g} us;"
+            f" {result.wire_us:.1f} us on the wire taken off"
+        )
+        for each in record["epochs"]:
+            seconds = (each["to_gap8_us"] - each["from_gap8_us"]) * 1e-6
+            yield f"  epoch {each['epoch']:<4}{seconds:.1f} s, {each['messages']} messages: {each['why']}"
+            slow = "; the STM32 counts 84 where 85 have passed" if each["stm32_counts_84_of_85"] else ""
+            yield f"            drift {each['drift_ppm']:+.2f} ppm (GAP8 against STM32){slow}"
+            bound = "no frame" if each["bound_us_median"] is None else f"±{each['bound_us_median']:.1f} us (99 %)"
+            yield f"            messages late by {each['delay_us']:.0f} us on average; frames' bound {bound}"
+        for why, count in record["messages_dropped"].items():
+            yield f"  dropped   {count} messages: {why}"
+        yield f"  stamped   {record['stamped']} of {len(source.index)} frames"
+        if record["own_error_us"]:
+            own = record["own_error_us"]
+            yield (
+                f"  robot's   own times were {own['median']:+.1f} us off (median), sd {own['sd']:.1f},"
+                f" worst {own['worst']:+.1f}"
+            )
+        for why, count in record["refused"].items():
+            yield f"  refused   {count} frames: {why}"
+        yield f"  unseen    {UNSEEN}"
+    yield from (f"  note      {each}" for each in record["notes"])
+
+
+def write(output: str, source: Source, result: Stamped, force: bool) -> None:
+    """The CSV file."""
+    from .usd_tables import new_file
+
+    given = dict(zip(result.frame.tolist(), range(len(result.frame)), strict=True))
+    with new_file(output, force) as out:
+        out.write(f"{HEADER}\n".encode())
+        for place, (index, number, gap8) in enumerate(
+            zip(source.index, source.number, source.frame_gap8.tolist(), strict=True)
+        ):
+            at = given.get(place)
+            if at is None:
+                told = f",,,{result.refused[place]}"
+            else:
+                told = f"{result.stm32_us[at]:.1f},{result.bound_us[at]:.1f},{result.epoch[at]},"
+            out.write(f"{index},{number},{gap8},{told}\n".encode())
+
+
+def draw(output: str, source: Source, result: Stamped, force: bool) -> None:
+    """The picture."""
+    from pathlib import Path
+
+    from ..usd import drawing
+    from .sync_plot import HEIGHT, WIDTH, picture
+    from .usd_tables import new_file
+
+    writers = {".svg": drawing.svg, ".png": drawing.png}
+    writer = writers.get(Path(output).suffix.lower())
+    if writer is None:
+        raise LocalError(f"{output}: pictures end in .svg or .png")
+    shapes: list[Shape] = picture(result, source.own_stm32_us)
+    with new_file(output, force) as out:
+        out.write(writer(WIDTH, HEIGHT, shapes))

@@ -1,0 +1,94 @@
+"""`host sync stamps` from a recording to its CSV file, against the simulator's truth."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import host
+from host.cli import main
+
+
+def record(tmp_path: Path, url: str, seconds: str = "12") -> str:
+    path = str(tmp_path / "flight.mcap")
+    assert main(["stream", "--port", url, "--duration", seconds, "--record", path, "--json"]) == 0
+    return path
+
+
+def stamps(capsys: pytest.CaptureFixture[str], *words: str) -> dict:
+    capsys.readouterr()
+    assert main(["sync", "stamps", *words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def true_errors(url: str, table: list[dict[str, str]]) -> np.ndarray:
+    """Of the same run once more: equal seeds give equal bytes."""
+    with host.open(url) as stream:
+        for frame in stream:
+            if frame.index >= int(table[-1]["frame_index"]):
+                break
+        truth = stream.port.world.truth
+    key = zip(truth["frame"].tolist(), truth["gap8_stamp_us"].tolist(), strict=True)
+    known = dict(zip(key, truth["stm32_stamp_ns"].tolist(), strict=True))
+    return np.array(
+        [
+            float(row["frame_stm32_us"]) - known[int(row["frame"]), int(row["frame_gap8_us"])] / 1000
+            for row in table
+            if row["frame_stm32_us"]
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("keys", "slow"),
+    [
+        ("", False),
+        ("&stm32_divider=84&uart1_loss=0.3&uart1_duplicate=0.1&uart1_reorder=0.05", True),
+        ("&gap8_quantum=1us&stm32_ppm=-250&gap8_ppm=4000", False),
+    ],
+    ids=["clean", "84-of-85-bad-wire", "fine-ticks"],
+)
+def test_against_the_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str], keys: str, slow: bool) -> None:
+    url = f"sim://hover?pace=max&seed=7&camera_jitter_us=0{keys}"
+    out = tmp_path / "times.csv"
+    said = stamps(capsys, record(tmp_path, url), "--apply", str(out), "--plot", str(tmp_path / "a.svg"))
+    table = list(csv.DictReader(out.read_text(encoding="utf-8").splitlines()))
+    error = np.abs(true_errors(url, table))
+    bound = np.array([float(row["bound_us"]) for row in table])
+    assert said["stamped"] == len(table) == len(error) > 100
+    assert (error <= bound).mean() >= 0.985
+    tick_us = 1 if "1us" in keys else 31
+    assert np.sqrt(np.mean(error**2)) < (12 if tick_us > 1 else 8)
+    assert np.median(bound) < 30
+    assert said["epochs"][0]["stm32_counts_84_of_85"] is slow
+    assert (tmp_path / "a.svg").read_text(encoding="utf-8").startswith("<svg")
+
+
+def test_other_firmware_says_what_cannot_be_repaired(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = record(tmp_path, "sim://paper?pace=max&seed=7", "3")
+    said = stamps(capsys, path)
+    assert said["stamped"] == 0
+    assert "cannot be worked out anew" in said["notes"][0]
+    assert main(["sync", "stamps", path, "--apply", str(tmp_path / "x.csv")]) == 4
+    assert not (tmp_path / "x.csv").exists()
+
+
+def test_nanocockpit_is_repaired_to_its_tick(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = stamps(capsys, record(tmp_path, "sim://nanocockpit?pace=max&seed=7", "6"))
+    assert said["stm32_tick_us"] == 1000
+    assert said["stamped"] > 300
+    assert 500 < said["bound_us_median"] < 2000
+
+
+def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = record(tmp_path, "sim://hover?pace=max&seed=7", "3")
+    out = tmp_path / "times.csv"
+    out.write_text("mine", encoding="utf-8")
+    assert main(["sync", "stamps", path, "--apply", str(out)]) == 2
+    assert out.read_text(encoding="utf-8") == "mine"
+    assert main(["sync", "stamps", path, "--plot", str(tmp_path / "x.gif")]) == 2
+    assert "svg or .png" in capsys.readouterr().err
+    assert main(["sync", "stamps", str(out)]) == 2
+    assert main(["sync", "stamps", path, "--robot", "3"]) == 2
