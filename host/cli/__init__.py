@@ -33,7 +33,8 @@ exit codes:
   2    wrong arguments, or a port, file or scenario that cannot be used: the message says what to do
   3    the robot, or a part of it, is silent
   4    the robot has refused, or has sent what makes no sense; of host doctor: something is wrong; of host usd: a log
-       that cannot be read, is not whole, or has no answer; a config.txt with errors
+       that cannot be read, is not whole, or has no answer; a config.txt with errors; of host sync:
+       nothing that a time can be worked out from
   5    the connection ended before all that was wanted had come
   130  stopped with Ctrl-C before it was done
 """
