@@ -7,7 +7,7 @@ log), and some may be torn.
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left
 from typing import Literal
 
 import numpy as np
@@ -45,8 +45,9 @@ class Cuts:
         return {sector: self.now.get(sector, self.recording.base.get(sector, ZEROS)) for sector in sectors}
 
     def damaged(self, rng: np.random.Generator) -> tuple[dict[int, bytes], list[Fate]]:
-        """Sectors that are otherwise than in `now` if the power goes here, and what became of the last writes."""
-        waited = bisect_right(self.recording.barriers, self.played) - 1
+        """Sectors that are otherwise than in `now` if the power goes here, and what became of the last writes. Nobody
+        has waited for the very last one yet."""
+        waited = bisect_left(self.recording.barriers, self.played) - 1
         settled = self.recording.barriers[waited] if waited >= 0 else 0
         open_writes = range(max(settled, self.played - OPEN_WRITES_MAX), self.played)
         found: dict[int, bytes] = {}

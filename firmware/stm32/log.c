@@ -78,7 +78,7 @@ void log_begin_file(stm32_log_t *self, instant_t now) {
     self->rescuing = false;
     self->next = false;
     self->status = STM32_LOG_ON;
-    self->step = STEP_EXTEND;
+    self->step = STEP_WRITE;
     log_drain(self);
 }
 

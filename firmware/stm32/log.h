@@ -3,8 +3,8 @@
 /// At boot config.txt is read. Logging begins then if it says so, or when it is told to. A file is the name
 /// of config.txt and the first free number, 00 to 99. Rows wait in the ring, and go to the card in whole
 /// sectors as soon as there is one. Every sync_us a status row is made, all up to it is written, and the card
-/// is asked to sync. Space is allocated ahead, so a sync changes no directory, and a full card is known while
-/// there is still room for a proper end; closing gives back what was not used.
+/// is asked to sync. As soon as the header is synced space is allocated ahead, so a sync changes no FAT, and
+/// a full card is known while there is still room for a proper end; closing gives back what was not used.
 ///
 /// A write that fails is tried again. If it fails for good, the file is cut back to its last status row that
 /// is on the card and ended there, and the log goes on in the next file, which begins with what was lost.

@@ -4,9 +4,11 @@ enum { REQUEST_MIN = 64, NAME_DIGITS = 2 };
 
 static const char CONFIG_NAME[] = "config.txt";
 
-/// Is less than half a chunk left of what is allocated?
+/// Is less than half a chunk left of what is allocated? Not before the header is on the card for certain: in
+/// the new space an older log may lie, header and all, and would be taken for this one.
 static bool wants_space(const stm32_log_t *self) {
-    return self->chunk > 0 && !self->ended && (uint64_t)self->log.bytes + self->chunk / 2 > self->extent;
+    return self->log.counters.syncs > 0 && self->chunk > 0 && !self->ended &&
+           (uint64_t)self->log.bytes + self->chunk / 2 > self->extent;
 }
 
 /// There is no more than what is allocated.

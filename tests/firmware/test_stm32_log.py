@@ -14,6 +14,7 @@ from log_rig import (
     FULL,
     NO_CARD,
     OPEN,
+    READ,
     SEEK,
     SYNC,
     TRUNCATE,
@@ -352,10 +353,18 @@ def test_a_card_without_room_for_a_header(room: int) -> None:
     assert rig.card.done[-1][0] == CLOSE
 
 
+def test_the_header_is_on_the_card_before_space_is_allocated() -> None:
+    """Else a power cut may leave a directory that names clusters in which an older log lies."""
+    rig = Rig(MemoryCard(config()))
+    rig.run(SECOND)
+    operations = [operation for operation, _ in rig.card.done]
+    assert operations[: operations.index(SEEK)] == [OPEN, READ, READ, CLOSE, CREATE, WRITE, SYNC]
+
+
 def test_a_card_that_cannot_allocate_ahead() -> None:
     """A short write is a full card, too: the file ends behind its last status row."""
     card = MemoryCard(config(), 40_000)
-    card.fails = lambda operation, argument: DISK if operation == SEEK and len(card.done) < 6 else None
+    card.fails = lambda operation, argument: DISK if operation == SEEK and len(card.done) < 8 else None
     rig = Rig(card)
     rig.run(10 * SECOND)
     assert rig.app.log.status == lib.STM32_LOG_FULL

@@ -1,0 +1,83 @@
+"""Power cuts of recorded flights, one after the other, and what was found after each."""
+
+import functools
+import shutil
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from card_flights import (
+    Flight,
+    Found,
+    Image,
+    Rate,
+    flies_again,
+    fsck,
+    judge,
+    model_flight,
+    robot_flight,
+    same_as_others,
+)
+
+from sim.card_cuts import Cuts
+
+RATES = {"mocap": Rate(), "fast": Rate(hz=1000, floats=20, poses_hz=50)}
+LOGGERS = ["stm32", *RATES]
+"""The firmware's, and the model of one with these rows."""
+EDGE = 16
+"""The first and the last writes of a flight, in which directory and FAT change."""
+
+
+@dataclass
+class Result:
+    found: list[Found] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+
+
+@functools.lru_cache(maxsize=2)
+def flight_of(name: str) -> Flight:
+    """LOGGER-CARD_MB-SECONDS-SEED"""
+    rate, size_mb, seconds, seed = name.split("-")
+    if rate == "stm32":
+        return robot_flight(int(size_mb), float(seconds), int(seed))
+    return model_flight(int(size_mb), float(seconds), int(seed), RATES[rate])
+
+
+def run(name: str, counts: list[int], damaged: bool, folder: Path, others: int = 10) -> Result:
+    """Cuts after so many writes each, in rising order; of every `others`-th one more is looked at."""
+    flight = flight_of(name)
+    image, cuts = Image(flight, folder / "partition"), Cuts(flight.recording)
+    result = Result()
+    for number, count in enumerate(counts):
+        image.put(cuts.after(count))
+        sectors, fates = cuts.damaged(np.random.default_rng([count, 7])) if damaged else ({}, [])
+        image.put(sectors)
+        try:
+            if shutil.which("fsck.fat"):
+                fsck(image.path)
+            certain = count - 1 if fates else count
+            result.found.append(judge(image, flight, certain))
+            if number % others == 0:
+                same_as_others(image)
+            if number % others == 0 or count < EDGE:
+                flies_again(image, flight, flight.recording.base | cuts.now | sectors, certain)
+        except AssertionError as error:
+            again = f"python tests/sim/test_card_cuts.py {name} {count}{' damaged' * damaged}"
+            result.failures.append(f"{error}\n  last writes: {fates}\n  again: {again}")
+        image.put(cuts.restored(sectors))
+    return result
+
+
+def every_write(name: str) -> list[int]:
+    return list(range(len(flight_of(name).recording.writes) + 1))
+
+
+def some_writes(name: str, between: int) -> list[int]:
+    """The edges, and so many in between."""
+    counts = every_write(name)
+    chosen = np.random.default_rng(1).choice(counts[EDGE:-EDGE], between, replace=False)
+    return [*counts[:EDGE], *sorted(chosen.tolist()), *counts[-EDGE:]]
+
+
+def random_writes(name: str, count: int) -> list[int]:
+    return sorted(np.random.default_rng(2).choice(every_write(name), count, replace=False).tolist())
