@@ -219,6 +219,10 @@ def check_robot(robot: RobotSettings) -> None:
                 f"{name}_stamp_start_us={clock.stamp_start_us}: allowed is 0 .. 2^{clock.stamp_bits} - 1, "
                 f"as {name}_stamp_bits={clock.stamp_bits}"
             )
+    if robot.backend == "emulated" and robot.stm32.quantum != "1us":
+        raise LocalError(
+            f"stm32_quantum={robot.stm32.quantum} with backend=emulated: the image's timer counts single us"
+        )
     if robot.firmware == "stock" and robot.wire == "uart1":
         raise LocalError("wire=uart1 with firmware=stock: stock firmware sends no stamps, so nothing would ever come")
     if 0 < robot.crtp.hz < 1 / CRTP_PERIOD_S_MAX:

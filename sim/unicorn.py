@@ -69,6 +69,7 @@ def table() -> Any:
         "access_fetch": const.UC_MEM_FETCH,
         "hook_interrupt": const.UC_HOOK_INTR,
         "hook_block": const.UC_HOOK_BLOCK,
+        "hook_code": const.UC_HOOK_CODE,
         "hook_memory_invalid": const.UC_HOOK_MEM_INVALID,
         "error_instruction": const.UC_ERR_INSN_INVALID,
         "access_read_unmapped": const.UC_MEM_READ_UNMAPPED,

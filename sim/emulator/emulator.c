@@ -235,6 +235,25 @@ static void load(emulator_t *e, bytes_t config) {
     memcpy(emulator_at(e, image->board_config, config.size), config.data, config.size);
 }
 
+static void on_instruction(unicorn_t *engine, uint64_t address, uint32_t size, void *user) {
+    (void)engine;
+    (void)address;
+    (void)size;
+    ((emulator_t *)user)->instructions++;
+}
+
+static bool count_instructions(emulator_t *e) {
+    size_t hook;
+    e->instructions = 0;
+    int error = !e->counting
+                    ? 0
+                    : e->api->add_hook(e->engine, &hook, e->api->hook_code, (void *)on_instruction, e, 1, 0);
+    if (error != 0) {
+        emulator_fail(e, "Unicorn cannot count instructions: %s", e->api->describe(error));
+    }
+    return error == 0;
+}
+
 int emulator_power_up(emulator_t *e, bytes_t config, int64_t local_ns) {
     if (emulator_failed(e)) {
         return 0;
@@ -243,7 +262,7 @@ int emulator_power_up(emulator_t *e, bytes_t config, int64_t local_ns) {
     e->now_ns = local_ns;
     e->blocks_left = EMULATOR_BLOCKS_MAX;
     load(e, config);
-    if (emulator_failed(e) || !e->machine->cpu->open(e) || !map(e)) {
+    if (emulator_failed(e) || !e->machine->cpu->open(e) || !map(e) || !count_instructions(e)) {
         return 0;
     }
     memset(e->machine_state, 0, e->machine->state_bytes);
@@ -297,6 +316,14 @@ uint64_t emulator_deadline(emulator_t *e, int64_t local_ns) {
     emulator_run(e, true);
     int64_t alarm_ns = emulator_failed(e) ? INT64_MAX : e->machine->alarm_ns(e);
     return alarm_ns == INT64_MAX ? NEVER_US : (uint64_t)alarm_ns / 1000 + (alarm_ns % 1000 != 0);
+}
+
+void emulator_count(emulator_t *e) {
+    e->counting = true;
+}
+
+uint64_t emulator_instructions(const emulator_t *e) {
+    return e->instructions;
 }
 
 void emulator_set_wire(emulator_t *e, int port, int64_t byte_ps) {

@@ -76,6 +76,10 @@ int64_t emulator_byte_ps(emulator_t *self, int port);
 /// An SPI window begins for which this, its master, had nothing to say: the slave has.
 void emulator_window(emulator_t *self, int64_t local_ns);
 
+/// From the next power-up on, how many instructions have run since; slow.
+void emulator_count(emulator_t *self);
+uint64_t emulator_instructions(const emulator_t *self);
+
 /// Something outside sets the stamp clock.
 void emulator_reset_stamp(emulator_t *self, uint64_t to_us, int64_t local_ns);
 

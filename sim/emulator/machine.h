@@ -73,6 +73,8 @@ struct emulator {
     uint8_t *memories[MACHINE_MEMORIES_MAX];
     int64_t now_ns; ///< local
     uint32_t blocks_left;
+    bool counting;
+    uint64_t instructions;
     int64_t wire_byte_ps[MACHINE_PORTS_MAX]; ///< how fast the other end of a UART sends
 };
 

@@ -93,6 +93,7 @@ typedef struct {
     int access_fetch;
     int hook_interrupt;
     int hook_block;
+    int hook_code;           ///< each instruction
     int error_instruction;   ///< what start returns for an undefined one
     int hook_memory_invalid; ///< its callback's second argument is the access that failed:
     int access_read_unmapped;

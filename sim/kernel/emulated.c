@@ -94,11 +94,29 @@ int kernel_emulate(kernel_t *k, int robot, mcu_t mcu, const unicorn_api_t *api, 
     return k->report.failed ? KERNEL_ERR_IMAGE : 0;
 }
 
-const uint8_t *kernel_memory(const kernel_t *k, int robot, mcu_t mcu, uint32_t address, size_t size) {
+static emulator_t *emulator_of(const kernel_t *k, int robot, mcu_t mcu) {
     const robot_t *r = robot_of(k, robot);
-    bool runs = r != NULL && (unsigned)mcu < MCU_COUNT && r->emulated[mcu].emulator != NULL;
-    return runs && r->nodes[mcu].boots != 0 ? emulator_memory(r->emulated[mcu].emulator, address, size)
-                                            : NULL;
+    return r == NULL || (unsigned)mcu >= MCU_COUNT ? NULL : r->emulated[mcu].emulator;
+}
+
+const uint8_t *kernel_memory(const kernel_t *k, int robot, mcu_t mcu, uint32_t address, size_t size) {
+    const emulator_t *emulator = emulator_of(k, robot, mcu);
+    bool booted = emulator != NULL && k->robots[robot]->nodes[mcu].boots != 0;
+    return booted ? emulator_memory(emulator, address, size) : NULL;
+}
+
+int kernel_count_instructions(kernel_t *k, int robot, mcu_t mcu) {
+    emulator_t *emulator = emulator_of(k, robot, mcu);
+    if (emulator == NULL) {
+        return KERNEL_ERR_CONFIG;
+    }
+    emulator_count(emulator);
+    return 0;
+}
+
+uint64_t kernel_instructions(const kernel_t *k, int robot, mcu_t mcu) {
+    const emulator_t *emulator = emulator_of(k, robot, mcu);
+    return emulator == NULL ? 0 : emulator_instructions(emulator);
 }
 
 void emulated_free(robot_t *r) {

@@ -164,6 +164,9 @@ int kernel_emulate(kernel_t *self, int robot, mcu_t mcu, const unicorn_api_t *ap
 const char *kernel_fault(const kernel_t *self);
 /// The memory of an MCU that runs an image; NULL where it has none, before its first boot, and of native
 /// ones.
+/// Counts the instructions of an MCU that runs an image, from its next boot on; how many there have been.
+int kernel_count_instructions(kernel_t *self, int robot, mcu_t mcu);
+uint64_t kernel_instructions(const kernel_t *self, int robot, mcu_t mcu);
 const uint8_t *kernel_memory(const kernel_t *self, int robot, mcu_t mcu, uint32_t address, size_t size);
 
 /// The camera's pictures, taken in turn: `raw` of width * height bytes each, `jpeg` any size. The arrays are

@@ -20,7 +20,8 @@ from campaign import Host
 from faults import Faults
 
 from host.native import lib
-from sim import trace
+from host.protocol.errors import LocalError
+from sim import scenario, trace
 from sim.trace import Run
 from sim.world import World
 
@@ -30,6 +31,7 @@ STEP_S = 0.01
 BEFORE_S = 2.0
 """Whole traces are kept for so long before a difference."""
 FAULTS_PER_S = 2.0
+KINDS = {"loss": 0.05, "drop": 0.002, "flip": 0.002, "duplicate": 0.05, "stall_per_s": 2, "stall_ms": 20}
 
 Settings = dict[str, Any]
 
@@ -44,6 +46,49 @@ class Case:
     faults: bool = False
     seed: int = 1
     dialect: str = "auto"
+
+
+def drawn(seed: int) -> Case:
+    """Clocks, wires, camera and host at random, and random faults."""
+    draw = random.Random(seed)
+    settings: Settings = {
+        "wire": draw.choice(["tcp"] * 6 + ["uart2", "uart1"]),
+        "stm32_divider": draw.choice([84, 85]),
+        "crtp_hz": draw.choice([0, 50, 200]),
+        "spi_hz": draw.choice([1_000_000, 10_000_000, 30_000_000]),
+        "wifi_up_ms": draw.choice([0, 100, 500]),
+        "camera_fps": draw.choice([0, 5, 20, 60]),
+        "camera_width": draw.choice([32, 64, 128]),
+        "camera_height": draw.choice([16, 48]),
+        "camera_encoding": draw.choice(["raw", "raw", "jpeg"]),
+        "camera_burst": draw.choice([1, 2, 3]),
+        "camera_exposure_lines": 20,
+        "camera_line_time_ns": 35_833,
+    }
+    for mcu in ("stm32", "gap8"):
+        settings |= {
+            f"{mcu}_ppm": draw.choice([-20_000, -50, 0, 50, 2000, 20_000]),
+            f"{mcu}_walk_ppb": draw.choice([0, 10, 100_000]),
+            f"{mcu}_ramp_ppm": draw.choice([0, 100]),
+            f"{mcu}_boot_ms": draw.choice([0, 0, 80, 333.3]),
+            f"{mcu}_stamp_bits": draw.choice([32, 48, 64]),
+            f"{mcu}_stamp_start_us": draw.choice([0, 2**32 - 2_000_000]),
+            f"{mcu}_quantum": draw.choice(["1us", "1us", "rtc", "1ms"] if mcu == "gap8" else ["1us"]),
+        }
+    for link in ("uart1", "uart2", "spi"):
+        if draw.random() < 0.5:
+            settings |= {f"{link}_latency_us": draw.choice([0, 100, 5000]), f"{link}_jitter_us": draw.choice([0, 100])}
+            settings |= {f"{link}_{kind}": draw.choice([0, amount]) for kind, amount in KINDS.items()}
+    while True:
+        name = draw.choice(scenario.names())
+        kept = {key: value for key, value in settings.items() if (name, key) != ("nanocockpit", "camera_encoding")}
+        if name == "stock" and not settings["camera_fps"]:  # says nothing at all
+            continue
+        try:
+            scenario.load(name, robots=1, **kept)
+        except LocalError:  # not with this firmware
+            continue
+        return Case(f"seed {seed}", name, {"robots": 1, **kept}, True, seed, draw.choice(["auto", "native", "stock"]))
 
 
 class Listener(Host):
@@ -96,8 +141,10 @@ def difference(case: Case, seconds: float, first: Settings, second: Settings) ->
         if not equal:
             break
     else:
-        moved = sum(side.world.robots[0].wires["uart1"]["bytes"] for side in sides)
-        assert moved > 100 * seconds or case.scenario == "stock", "a run in which nothing happens proves nothing"
+        moved = sum(wire["bytes"] for wire in sides[0].world.robots[0].wires.values())
+        assert moved > 100 * seconds, (
+            f"{case}: {moved} bytes in {seconds} s: a run in which nothing happens proves nothing"
+        )
         return None
     done = sides[0].faults.done[-5:] if sides[0].faults else []
     for side in sides:

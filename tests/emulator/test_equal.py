@@ -6,10 +6,11 @@ drift have the scenario's own pictures and robots: in the others pictures are sm
 """
 
 import os
+import sys
 
 import pytest
 from backend import needs
-from equal import Case, difference
+from equal import Case, difference, drawn
 
 from sim import scenario
 
@@ -17,6 +18,9 @@ SECONDS = float(os.environ.get("SPINDECK_EMULATED_S", "30"))
 DRIFTS_PPM = [-20_000, -50, 0, 50, 2000]
 NATIVE = {"backend": "native"}
 EMULATED = {"backend": "emulated"}
+SCHEDULES = int(os.environ.get("SPINDECK_EMULATED_SCHEDULES", "60"))
+SCHEDULE_S = 4.0
+BATCH = 10
 SMALL = {"camera_width": 64, "camera_height": 48}
 
 
@@ -42,3 +46,27 @@ def test_equal(case: Case) -> None:
     needs()
     found = difference(case, SECONDS, NATIVE, EMULATED)
     assert found is None, found + again(f"test_equal[{case.name}]")
+
+
+@pytest.mark.parametrize("first", range(0, SCHEDULES, BATCH))
+def test_schedules(first: int) -> None:
+    """Scenario, clocks, wires, camera and host at random; reboots, stamp clocks set, stalls, injected bytes."""
+    needs()
+    for seed in range(first, min(first + BATCH, SCHEDULES)):
+        found = difference(drawn(seed), SCHEDULE_S, NATIVE, EMULATED)
+        assert found is None, f"{found}\nagain: python tests/emulator/test_equal.py {seed}"
+
+
+@pytest.mark.parametrize("name", scenario.names())
+def test_both_compilers_images_give_the_same(name: str) -> None:
+    """Not compared with the native app: an image of its own sends the same bytes at the same time."""
+    needs("gcc", "zig")
+    found = difference(
+        case(name, 50, True), SECONDS / 3, EMULATED | {"toolchain": "gcc"}, EMULATED | {"toolchain": "zig"}
+    )
+    assert found is None, found + again(f"test_both_compilers_images_give_the_same[{name}]")
+
+
+if __name__ == "__main__":
+    for seed in map(int, sys.argv[1:]):
+        print(difference(drawn(seed), SCHEDULE_S, NATIVE, EMULATED) or f"{drawn(seed)}: equal")

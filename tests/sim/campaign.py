@@ -20,7 +20,7 @@ BACK_S = 2.0
 """After the faults have stopped the stream must be back within this time."""
 STEADY_S = 1.0
 """And then nothing may be lost any more."""
-FRAMINGS = {"tcp": "tcp", "uart2": "cpx-uart"}
+FRAMINGS = {"tcp": "tcp", "uart2": "cpx-uart", "uart1": "stamps"}
 
 
 class Host:
