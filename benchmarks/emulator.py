@@ -22,16 +22,16 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from sim.world import World
 
-PLAIN: dict[str, object] = {"camera_fps": 0}
+PLAIN: dict[str, Any] = {"camera_fps": 0}
 # As in benchmarks/simulator.py: at 10 MHz the windows' handshakes leave too little room.
-PIXELS: dict[str, object] = {"camera_fps": 15, "camera_width": 324, "camera_height": 244, "spi_hz": 20_000_000}
-MANY: dict[str, object] = {"camera_fps": 0, "robots": 15}
+PIXELS: dict[str, Any] = {"camera_fps": 15, "camera_width": 324, "camera_height": 244, "spi_hz": 20_000_000}
+MANY: dict[str, Any] = {"camera_fps": 0, "robots": 15}
 READ_EVERY_S = 0.05
 WORLDS = 20
 MIB = 1 << 20
 
 
-def simulate(backend: str, seconds: float, settings: dict[str, object]) -> dict[str, float]:
+def simulate(backend: str, seconds: float, settings: dict[str, Any]) -> dict[str, float]:
     """Wall and CPU time of this much true time, after two seconds in which everything boots and connects."""
     with World("hover", keep_log=False, trace="hash", backend=backend, **settings) as world:
         for robot in world.robots:
@@ -56,11 +56,11 @@ def simulate(backend: str, seconds: float, settings: dict[str, object]) -> dict[
         }
 
 
-def best(rounds: int, backend: str, seconds: float, settings: dict[str, object]) -> dict[str, float]:
+def best(rounds: int, backend: str, seconds: float, settings: dict[str, Any]) -> dict[str, float]:
     return min((simulate(backend, seconds, settings) for _ in range(rounds)), key=lambda result: result["cpu_s"])
 
 
-def compared(rounds: int, seconds: float, settings: dict[str, object]) -> dict[str, Any]:
+def compared(rounds: int, seconds: float, settings: dict[str, Any]) -> dict[str, Any]:
     """Both backends; SystemExit if they have not done the same."""
     native, emulated = (best(rounds, backend, seconds, settings) for backend in ("native", "emulated"))
     if native["trace_hash"] != emulated["trace_hash"]:
@@ -76,7 +76,7 @@ def resident_bytes() -> int:
 def creation(pixels: bool) -> dict[str, float]:
     """Of one MCU: from nothing until it has booted and sleeps, and the memory that the process has grown by, Unicorn's
     own included. The mean over 2 * WORLDS; with pixels after a second of streaming, which touches all its memory."""
-    settings: dict[str, object] = {**PIXELS, "gap8_boot_ms": 0} if pixels else {**PLAIN, "gap8_boot_ms": 0}
+    settings: dict[str, Any] = {**PIXELS, "gap8_boot_ms": 0} if pixels else {**PLAIN, "gap8_boot_ms": 0}
     World("hover", backend="emulated", **settings).close()  # built, loaded, Unicorn's library in memory
 
     def grown(backend: str) -> tuple[float, int]:

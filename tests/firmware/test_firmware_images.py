@@ -98,8 +98,8 @@ def test_the_stamp_divider_is_a_build_option() -> None:
         image = build("stm32", "gcc", defines)
         assert image.binary is not None
         at = read(image.elf).symbols["board_config"] - TARGETS["stm32"].memories[0].address
-        config[divider] = image.binary.read_bytes()[at : at + 160]
-    assert (config["84"][153], config["85"][153]) == (84, 85)
+        config[divider] = image.binary.read_bytes()[at : at + 176]
+    assert (config["84"][169], config["85"][169]) == (84, 85)
     assert config["84"][:153] == config["85"][:153]
 
 
