@@ -1,8 +1,13 @@
 """The STM32's real image writes the file that the native app writes, request by request."""
 
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "firmware"))
+
 from arm_rig import compiler
 from memory_card import Store
 
@@ -12,6 +17,10 @@ from host.usd.decode import decode
 from sim import images, unicorn
 from sim.world import World
 
+CONFIG = (
+    b"1\n16384\nlog\n1\non:fixedFrequency\n1000\n1\nstateEstimate.x\nstateEstimate.vx\nstateEstimate.yaw\nacc.z\n"
+    b"pm.vbatMV\nstateEstimateZ.quat\nusd.stallUs\non:estGyroscope\ngyro.z\non:estPose\nlocSrv.x\nlocSrv.qw\n"
+)
 SHUTDOWN = bytes.fromhex("ff 03 59 01 30 94")
 
 
@@ -23,7 +32,7 @@ def image() -> images.Image:
 
 def flown(image: images.Image | None, stall_ms: int, fails: set[int], **keys: Any) -> tuple[Store, int]:
     """The card behind a flight with a reset of the stamp clock, a power cut and a proper end."""
-    store = Store(stall_ms=stall_ms, fails=fails)
+    store = Store(CONFIG, stall_ms=stall_ms, fails=fails)
     world = World("hover", trace="hash", camera_fps=0, **keys)
     if image is not None:
         assert lib.kernel_emulate(world.kernel, 0, lib.MCU_STM32, unicorn.table(), image.pointer) == 0

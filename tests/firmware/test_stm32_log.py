@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 from board import CRTP, HOST, STM32, SYSTEM, cpx, uart
-from log_rig import (
+from log_rig import Rig
+from memory_card import (
     CLOSE,
     CREATE,
     DISK,
@@ -20,7 +21,6 @@ from log_rig import (
     TRUNCATE,
     WRITE,
     MemoryCard,
-    Rig,
 )
 
 from host.native import ffi, lib

@@ -3,7 +3,8 @@
 import itertools
 
 import pytest
-from log_rig import SYNC, WRITE, MemoryCard, Rig
+from log_rig import Rig
+from memory_card import SYNC, WRITE, MemoryCard
 
 from host.usd.budget import OPERATIONS, PROMPT_S, budget
 from host.usd.config import Config, names_of_firmware, read_config

@@ -1,11 +1,15 @@
 """The STM32's log in a simulated world: a store as its card, clocks that drift, power that goes."""
 
-import itertools
-import struct
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "firmware"))
+
+from memory_card import MS, Store
 
 from host.usd.decode import decode
 from host.usd.log import Log
@@ -15,61 +19,19 @@ CONFIG = (
     b"1\n16384\nlog\n1\non:fixedFrequency\n1000\n1\nstateEstimate.x\nstateEstimate.vx\nacc.z\npm.vbatMV\n"
     b"on:estGyroscope\ngyro.z\n"
 )
-MS = 1_000_000
 SHUTDOWN = bytes.fromhex("ff 03 59 01 30 94")
 
 
-class Store:
-    """Files in memory. A request takes 2 ms, and each 40th a stall."""
-
-    def __init__(self, config: bytes = CONFIG, stall_ms: int = 0) -> None:
-        self.files: dict[str, bytearray] = {"config.txt": bytearray(config)}
-        self.name, self.at = "", 0
-        self.cuts: list[int] = []
-        self.took = itertools.cycle([2 * MS] * 39 + [max(2, stall_ms) * MS])
-        self.requests: list[tuple[int, bytes]] = []
-
-    def request(self, request: bytes, true_ns: int) -> tuple[bytes, int]:
-        self.requests.append((true_ns, request))
-        result, data = self.do(request[0], request[1:])
-        return struct.pack("<Bi", request[0], result) + data, next(self.took)
-
-    def do(self, operation: int, argument: bytes) -> tuple[int, bytes]:
-        if operation <= 2:
-            self.name, self.at = argument.decode(), 0
-            if (operation == 1) == (self.name in self.files):
-                return -2 if operation == 1 else -1, b""
-            self.files.setdefault(self.name, bytearray())
-            return 0, b""
-        file = self.files[self.name]
-        if operation == 3:
-            data = bytes(file[self.at : self.at + struct.unpack("<H", argument)[0]])
-            self.at += len(data)
-            return len(data), data
-        if operation == 4:
-            file[self.at : self.at + len(argument)] = argument
-            self.at += len(argument)
-            return len(argument), b""
-        if operation == 5:
-            (self.at,) = struct.unpack("<I", argument)
-            file += bytes(max(0, self.at - len(file)))
-        elif operation == 6:
-            del file[self.at :]
-        return 0, b""
-
-    def cut(self, true_ns: int) -> None:
-        self.cuts.append(true_ns)
-
-    def log(self, number: int = 0) -> Log:
-        return decode(bytes(self.files[f"log{number:02}"]))
-
-
 def flown(seconds: float, store: Store | None = None, name: str = "hover", **keys: Any) -> tuple[World, Store]:
-    store = store or Store()
+    store = store or Store(CONFIG)
     world = World(name, **keys)
     world.robots[0].set_storage(store)
     world.run(seconds)
     return world, store
+
+
+def log_of(store: Store, number: int = 0) -> Log:
+    return decode(bytes(store.files[f"log{number:02}"]))
 
 
 def shut_down(world: World, seconds: float = 1.0) -> None:
@@ -81,7 +43,7 @@ def test_a_log_from_boot_to_shutdown() -> None:
     world, store = flown(2.0)
     assert world.robots[0].log["status"] == "on"
     shut_down(world)
-    log = store.log()
+    log = log_of(store)
     assert log.is_whole
     counts = world.robots[0].log
     assert (counts["status"], counts["dropped"], counts["errors"]) == ("off", 0, 0)
@@ -92,9 +54,9 @@ def test_a_log_from_boot_to_shutdown() -> None:
 def test_stamps_are_the_stamp_clock_and_the_grid_is_the_uptime() -> None:
     world, store = flown(2.0, stm32_ppm=300, stm32_divider=84, stm32_stamp_start_us=5_000_000)
     shut_down(world)
-    steps = np.diff(store.log().rows["fixedFrequency"].stamp_us)
+    steps = np.diff(log_of(store).rows["fixedFrequency"].stamp_us)
     assert steps.mean() == pytest.approx(1000 * 84 / 85, abs=0.01)
-    assert store.log().rows["fixedFrequency"].stamp_us[0] > 5_000_000
+    assert log_of(store).rows["fixedFrequency"].stamp_us[0] > 5_000_000
     asked_ns = [true_ns for true_ns, _ in store.requests]
     assert asked_ns == sorted(asked_ns)
 
@@ -104,7 +66,7 @@ def test_a_reset_of_the_stamp_clock_is_an_epoch_and_loses_no_row() -> None:
     world.robots[0].reset_stamp_clock("stm32", 0)
     world.run(1.0)
     shut_down(world)
-    log = store.log()
+    log = log_of(store)
     assert log.is_whole
     assert len(log.epochs) == 2
     assert 1980 < len(log.rows["fixedFrequency"]) < 2000
@@ -119,7 +81,7 @@ def test_power_that_goes_is_told_to_the_card_and_the_next_boot_has_another_file(
     assert len(store.requests) == before
     world.run(1.1)
     shut_down(world)
-    first, second = store.log(0), store.log(1)
+    first, second = log_of(store, 0), log_of(store, 1)
     assert first.crc != "good"
     assert first.verified_count > 1400
     assert second.is_whole
@@ -134,7 +96,7 @@ def test_a_robot_without_a_card_says_so_and_flies() -> None:
 
 
 def test_stamps_on_uart1_do_not_wait_for_the_card() -> None:
-    world, _ = flown(3.0, Store(stall_ms=400), name="hover")
+    world, _ = flown(3.0, Store(CONFIG, stall_ms=400), name="hover")
     alone = World("hover")
     alone.run(3.0)
     assert world.robots[0].stm32["stamps_sent"] == alone.robots[0].stm32["stamps_sent"]
@@ -159,7 +121,7 @@ def test_a_store_that_raises_ends_the_run_with_its_error() -> None:
             return super().request(request, true_ns)
 
     with pytest.raises(RuntimeError, match="of the store"):
-        flown(1.0, Broken())
+        flown(1.0, Broken(CONFIG))
 
 
 @pytest.mark.parametrize("answer", [b"", b"\x02", b"\x02\0\0\0\0" * 500, b"\xff" * 517])
@@ -168,5 +130,5 @@ def test_a_store_may_answer_anything(answer: bytes) -> None:
         def request(self, request: bytes, true_ns: int) -> tuple[bytes, int]:
             return answer[:517], -5
 
-    world, _ = flown(0.5, Odd())
+    world, _ = flown(0.5, Odd(CONFIG))
     assert world.robots[0].log["status"] != "on"
