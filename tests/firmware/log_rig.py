@@ -1,14 +1,19 @@
-"""The STM32's app with a card in memory: files as bytes, operations that take time, and whatever goes wrong."""
+"""The STM32's app with a card in memory whose operations take time, and the logs that are on it then."""
 
 import random
 from collections.abc import Callable
+from typing import Any
 
 from board import CRTP, HOST, STM32, App, cpx, uart
 from memory_card import MemoryCard
 
 from host.native import ffi, lib
+from host.usd.decode import decode
+from host.usd.log import Log
 
 STAMPS_OFF = 2**32 - 1
+SECOND = 1_000_000
+POSE = {"x_m": 1.0, "z_m": 2.0, "qz": 0.6, "qw": 0.8}
 
 
 class Rig:
@@ -58,3 +63,35 @@ class Rig:
 
     def logging(self, on: bool) -> None:
         self.crtp(b"\x23\0usd\0logging\0\x08" + bytes([on]))
+
+
+def config(ring: int = 8192, hz: int = 1000, startup: int = 1, more: bytes = b"") -> bytes:
+    axes = b"".join(b"stateEstimate.%b\n" % each for each in (b"x", b"y", b"z", b"vx", b"yaw", b"qw"))
+    return b"1\n%d\nlog\n%d\non:fixedFrequency\n%d\n1\n" % (ring, startup, hz) + axes + more
+
+
+def flown(seconds: float = 2.0, text: bytes | None = None, **settings: Any) -> Rig:
+    rig = Rig(MemoryCard(config() if text is None else text), pose=POSE, sway_m=0.5, **settings)
+    rig.run(round(seconds * SECOND))
+    return rig
+
+
+def ended(rig: Rig) -> Rig:
+    rig.logging(False)
+    rig.run(rig.now_us + 2 * SECOND)
+    return rig
+
+
+def logs(rig: Rig) -> list[Log]:
+    """Of all files, in their order."""
+    return [decode(bytes(data)) for name, data in sorted(rig.card.files.items()) if name != "config.txt"]
+
+
+def grid(first_us: int, last_us: int) -> int:
+    """Rows that are due at 1 kHz, both ends included."""
+    return (last_us - int(first_us)) // 1000 + 1
+
+
+def last_status(log: Log) -> dict[str, int]:
+    rows = log.rows["log.status"].data
+    return {name: int(rows[name][-1]) for name in (rows.dtype.names or ())}

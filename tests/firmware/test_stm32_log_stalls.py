@@ -1,14 +1,17 @@
-"""How long a stall of the card costs no rows: what host.usd.budget says, and what the logger does."""
+"""Stalls of the card: how long one costs no rows, by what host.usd.budget says and by what the logger does, and that
+every row of a longer one is counted."""
 
 import itertools
 
 import pytest
-from log_rig import Rig
+from log_rig import SECOND, Rig, config, ended, flown, grid, last_status, logs
 from memory_card import SYNC, WRITE, MemoryCard
 
+from host.native import lib
 from host.usd.budget import OPERATIONS, PROMPT_S, budget
 from host.usd.config import Config, names_of_firmware, read_config
 
+ROW_BYTES = 10 + 6 * 4
 NAMES = names_of_firmware()
 FLOATS = [name for name, letter in NAMES.variables.items() if letter == "f"]
 
@@ -19,9 +22,9 @@ def text_of(ring: int, hz: int, floats: int, events: str = "") -> bytes:
 
 
 def parsed(text: bytes) -> Config:
-    config = read_config(text, NAMES)
-    assert not config.errors
-    return config
+    made = read_config(text, NAMES)
+    assert not made.errors
+    return made
 
 
 def dropped(text: bytes, operation: int, number: int, stall_us: int) -> int:
@@ -81,3 +84,41 @@ def test_the_ring_that_is_wanted_survives_half_a_second() -> None:
     wanted = budget(parsed(text_of(4096, 500, 7)), {}).ring_wanted
     for number in (5, 6, 7):
         assert dropped(text_of(wanted, 500, 7), WRITE, number, 500_000) == 0
+
+
+def tolerance_us(ring: int, hz: int = 1000) -> int:
+    """How long a card may stand still: rows fill what the ring has, but for what waits there already."""
+    waiting = 512 + lib.USD_STATUS_BYTES + lib.USD_LOG_END_BYTES
+    return (ring - waiting) // ROW_BYTES * SECOND // hz
+
+
+@pytest.mark.parametrize("ring", [2048, 8192, 65535])
+def test_a_stall_within_the_tolerance_loses_nothing_and_beyond_it_every_row_is_counted(ring: int) -> None:
+    for factor, loses in ((0.95, False), (1.5, True)):
+        rig = flown(1.0, config(ring))
+        stall_us = round(tolerance_us(ring) * factor)
+        rig.operation_us = lambda stall_us=stall_us: stall_us
+        rig.run(rig.now_us + 20_000)
+        rig.operation_us = lambda: 2000
+        rig.run(rig.now_us + stall_us + SECOND)
+        due = rig.now_us
+        (log,) = logs(ended(rig))
+        status = last_status(log)
+        rows = log.rows["fixedFrequency"]
+        assert log.is_whole
+        assert (status["dropped"] > 0) == loses
+        assert status["accepted"] == len(rows)
+        assert status["requested"] == grid(rows.stamp_us[0], due)
+        assert status["requested"] == status["accepted"] + status["dropped"]
+        assert status["stall_us"] == stall_us
+        assert rig.app.log.log.fill_max <= ring
+
+
+def test_stalls_of_a_bad_card_all_the_time() -> None:
+    rig = Rig(MemoryCard(config(65535)), seed=3)
+    rig.operation_us = lambda: 2000 if rig.rng.random() < 0.99 else 400_000
+    rig.run(20 * SECOND)
+    (log,) = logs(ended(rig))
+    assert log.is_whole
+    assert last_status(log)["dropped"] == 0
+    assert len(log.rows["fixedFrequency"]) > 19_900
