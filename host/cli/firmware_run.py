@@ -150,7 +150,7 @@ class Show:
     def run(self, sent: Run) -> None:
         """One run of bytes."""
         if self.form == "raw":
-            sys.stdout.buffer.write(sent.data)
+            sys.stdout.buffer.write(self.filled(sent.data))
             return
         if self.form == "hex":
             shown = sent.data[:HEX_SHOWN].hex(" ") + (" …" if len(sent.data) > HEX_SHOWN else "")
@@ -174,6 +174,15 @@ class Show:
                 fields = ", ".join(f"{each.name} {each.words or each.value}" for each in meaning.fields)
                 said = f"{headline(piece, what, meaning)}{'; ' * bool(fields)}{fields}"
                 print(f"{sent.local_ns * 1e-9:13.6f} {piece.size:5} {said[:FIELDS_SHOWN]}")
+
+
+    def filled(self, data: bytes) -> bytes:
+        """As it goes over the wire: an SPI window is longer than what is in it, and host dissect reads windows."""
+        if self.framing != "spi":
+            return data
+        from ..native import lib
+
+        return data.ljust(lib.cpx_spi_window_bytes(len(data), len(data)), b"\0")
 
 
 class Total:

@@ -12,6 +12,7 @@ from host.cli import main
 from host.firmware.build import build
 from host.firmware.toolchains import MissingError
 from host.link.session import Session
+from host.protocol.dissect import split
 
 pytest.importorskip("unicorn", reason="Unicorn is not installed")
 pytest.importorskip("elftools", reason="pyelftools is not installed")
@@ -60,6 +61,17 @@ def test_piped_bytes_are_raw() -> None:
     session = Session("stamps", "native")
     assert len(session.receive(done.stdout, 0)) == 200
     assert len(done.stdout) == 200 * 17
+
+
+def test_raw_spi_is_windows_that_dissect_reads() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "host", "firmware", "run", image("gap8"), "--seconds", "1"],
+        capture_output=True, cwd=ROOT, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    pieces = list(split(done.stdout, "spi"))
+    assert {piece.kind for piece in pieces} == {"packet", "idle"}
+    assert sum(piece.kind == "packet" for piece in pieces) > 100
 
 
 def test_a_pseudo_terminal(tmp_path: Path) -> None:
