@@ -175,7 +175,6 @@ class Show:
                 said = f"{headline(piece, what, meaning)}{'; ' * bool(fields)}{fields}"
                 print(f"{sent.local_ns * 1e-9:13.6f} {piece.size:5} {said[:FIELDS_SHOWN]}")
 
-
     def filled(self, data: bytes) -> bytes:
         """As it goes over the wire: an SPI window is longer than what is in it, and host dissect reads windows."""
         if self.framing != "spi":

@@ -54,7 +54,7 @@ TARGETS = {
             zig_flags=("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4"),
             memories=(Memory("flash", 0x08000000, 1024 * KIB), Memory("RAM", 0x20000000, 128 * KIB)),
             limits=(
-                "Time messages, CPX and the log alone: no radio, no sensors, no motors. A Crazyflie with it does not fly.",
+                "Time messages, CPX and log alone: no radio, no sensors, no motors. A Crazyflie with it does not fly.",
                 "The µSD card is a mailbox of the emulator: on a Crazyflie nothing would be logged.",
                 "Run in emulators only, never on a Crazyflie.",
             ),
