@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..protocol.errors import LocalError
+from ..protocol.typed import integer, real
 
 if TYPE_CHECKING:
     from ..usd.interpolate import Poses
     from .usd_times import Times
 
+Number = TypeVar("Number", int, float)
 EXAMPLES = """\
 TIMES are in us of the STM32's stamp clock, the log's own: 12400000,12500000, or a file of such numbers, or - for
 standard input, or a recording of host stream (.mcap), whose frames' STM32 times are taken.
@@ -89,12 +91,13 @@ def run(arguments: argparse.Namespace) -> int:
         track = read_track(log, arguments.source)
     except LocalError as error:
         raise LocalError(f"{arguments.file}: {error}") from error
-    robot, epoch = (whole(arguments, name) for name in ("robot", "epoch"))
+    robot = from_zero(arguments.robot, "--robot", integer, "a whole number")
+    epoch = from_zero(arguments.epoch, "--epoch", integer, "a whole number")
     if epoch is not None and epoch >= len(log.epochs):
         raise LocalError(f"--epoch {epoch}: {arguments.file} has {len(log.epochs)}, counted from 0")
-    time_error_us, row_error_us, hole_us = (
-        microseconds(arguments, name) for name in ("time_error_us", "row_error_us", "hole_us")
-    )
+    time_error_us = from_zero(arguments.time_error_us, "--time-error-us", real, "microseconds,")
+    row_error_us = from_zero(arguments.row_error_us, "--row-error-us", real, "microseconds,")
+    hole_us = from_zero(arguments.hole_us, "--hole-us", real, "microseconds,")
     times = read_times(arguments.at, robot)
     if time_error_us is None and np.isnan(times.bound_us).any():
         raise LocalError(f"{arguments.at}: its frames do not say how good their times are: say it with --time-error-us")
@@ -123,29 +126,14 @@ def with_own(times: Times, time_error_us: float | None) -> Any:
     return np.where(np.isnan(times.bound_us), time_error_us or 0.0, times.bound_us)
 
 
-def whole(arguments: argparse.Namespace, name: str) -> int | None:
-    from ..protocol.typed import integer
-
-    text = getattr(arguments, name)
+def from_zero(text: str | None, option: str, read: Callable[[str], Number], what: str) -> Number | None:
+    """What an option says; None if it is not given."""
     try:
-        value = None if text is None else integer(text)
+        value = None if text is None else read(text)
         if value is not None and value < 0:
             raise ValueError
     except ValueError as error:
-        raise LocalError(f"--{name} {text}: a whole number from 0 on") from error
-    return value
-
-
-def microseconds(arguments: argparse.Namespace, name: str) -> float | None:
-    from ..protocol.typed import real
-
-    text = getattr(arguments, name)
-    try:
-        value = None if text is None else real(text)
-        if value is not None and value < 0:
-            raise ValueError
-    except ValueError as error:
-        raise LocalError(f"--{name.replace('_', '-')} {text}: microseconds, from 0 on") from error
+        raise LocalError(f"{option} {text}: {what} from 0 on") from error
     return value
 
 
