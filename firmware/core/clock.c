@@ -72,7 +72,6 @@ static void set_memories(clock_track_t *self) {
 
 static void open_block(clock_track_t *self, int32_t gap8_us) {
     self->open = (clock_block_t){0};
-    self->open_excess_us = 0;
     self->open_begin_us = gap8_us;
 }
 
@@ -84,7 +83,6 @@ static void begin_epoch(clock_track_t *self, uint64_t stm32_us, uint64_t gap8_us
     self->expired = false;
     self->fitted = false;
     self->epoch = epoch;
-    self->stuck = 0;
     self->anchor_stm32_us = stm32_us;
     self->anchor_gap8_us = gap8_us;
     self->begin_gap8_us = gap8_us;
@@ -120,14 +118,9 @@ static void rebase(clock_track_t *self) {
 static clock_block_t merged(const clock_line_t *line, clock_block_t a, clock_block_t b) {
     const int64_t a_q8 = (int64_t)a.ahead_us * Q8 - line_at(line, a.gap8_us);
     const int64_t b_q8 = (int64_t)b.ahead_us * Q8 - line_at(line, b.gap8_us);
-    const int64_t apart_us = (a_q8 > b_q8 ? a_q8 - b_q8 : b_q8 - a_q8) / Q8;
-    clock_block_t *worse = a_q8 > b_q8 ? &b : &a;
     const clock_block_t *better = a_q8 > b_q8 ? &a : &b;
     const uint32_t count = (uint32_t)a.count + b.count;
-    worse->excess_us = (uint16_t)at_most((uint64_t)apart_us + worse->excess_us, UINT16_MAX);
-    const uint32_t excess_us = ((uint32_t)a.excess_us * a.count + (uint32_t)b.excess_us * b.count) / count;
-    return (clock_block_t){better->gap8_us, better->ahead_us, (uint16_t)at_most(count, UINT16_MAX / 2),
-                           (uint16_t)excess_us};
+    return (clock_block_t){better->gap8_us, better->ahead_us, (uint16_t)at_most(count, UINT16_MAX / 2)};
 }
 
 static void drop_oldest(clock_track_t *self, uint8_t count) {
@@ -148,7 +141,6 @@ static void push_block(clock_track_t *self) {
     } else if (self->blocks_fill == CLOCK_BLOCKS) {
         drop_oldest(self, 1);
     }
-    self->open.excess_us = (uint16_t)at_most(self->open_excess_us / self->open.count, UINT16_MAX);
     self->blocks[self->blocks_fill++] = self->open;
     rebase(self);
     uint8_t old = 0;
@@ -194,14 +186,15 @@ static uint32_t low_by(const clock_track_t *self, uint32_t count, uint32_t point
            tick_error(self, count) * 5 / 4;
 }
 
-/// The edge of the upper hull of the newest blocks that spans their mean time: of all lines above all points
-/// it is the one with the least sum of distances. It is too low by 2 mean delays per message.
+/// The edge of the upper hull of the newest blocks, two or more, that spans their mean time: of all lines
+/// above all points it is the one with the least sum of distances. It is too low by 2 mean delays per
+/// message.
 static fit_t fit(const clock_track_t *self, uint8_t blocks) {
     const clock_block_t *from = self->blocks + self->blocks_fill - blocks;
     uint8_t hull[CLOCK_BLOCKS];
     uint8_t fill = 0;
     int64_t moment = 0;
-    fit_t result = {.line = self->line, .span_us = (uint32_t)-from[0].gap8_us};
+    fit_t result = {.span_us = (uint32_t)-from[0].gap8_us};
     for (uint8_t i = 0; i < blocks; i++) {
         while (fill > 1 && below(&from[hull[fill - 2]], &from[hull[fill - 1]], &from[i])) {
             fill--;
@@ -210,16 +203,9 @@ static fit_t fit(const clock_track_t *self, uint8_t blocks) {
         moment += (int64_t)from[i].gap8_us * from[i].count;
         result.count += from[i].count;
     }
-    const int64_t middle_us = moment / (int64_t)result.count;
-    uint8_t edge = 1;
-    while (edge + 1 < fill && from[hull[edge]].gap8_us < middle_us) {
-        edge++;
-    }
-    const clock_block_t *right = &from[hull[fill > 1 ? edge : 0]];
     if (self->skewed && self->blocks[0].gap8_us > -SKEW_SPAN_US) {
         result.line.skew_q31 = self->skew_q31;
         int64_t best_q8 = INT64_MIN;
-        result.line.ahead_q8 = 0;
         for (uint8_t i = 0; i < fill; i++) {
             const clock_block_t *point = &from[hull[i]];
             const int64_t above_q8 = (int64_t)point->ahead_us * Q8 - line_at(&result.line, point->gap8_us);
@@ -228,14 +214,17 @@ static fit_t fit(const clock_track_t *self, uint8_t blocks) {
         result.line.ahead_q8 = best_q8 + low_by(self, result.count, 1);
         return result;
     }
-    if (fill > 1) {
-        const clock_block_t *left = &from[hull[edge - 1]];
-        int64_t skew = ((int64_t)right->ahead_us - left->ahead_us) * ((int64_t)1 << 31) /
-                       ((int64_t)right->gap8_us - left->gap8_us);
-        skew = skew > SKEW_LIMIT_Q31 ? SKEW_LIMIT_Q31 : skew < -SKEW_LIMIT_Q31 ? -SKEW_LIMIT_Q31 : skew;
-        result.line.skew_q31 = (int32_t)skew;
+    const int64_t middle_us = moment / (int64_t)result.count;
+    uint8_t edge = 1;
+    while (edge + 1 < fill && from[hull[edge]].gap8_us < middle_us) {
+        edge++;
     }
-    result.line.ahead_q8 = 0;
+    const clock_block_t *left = &from[hull[edge - 1]];
+    const clock_block_t *right = &from[hull[edge]];
+    int64_t skew = ((int64_t)right->ahead_us - left->ahead_us) * ((int64_t)1 << 31) /
+                   ((int64_t)right->gap8_us - left->gap8_us);
+    skew = skew > SKEW_LIMIT_Q31 ? SKEW_LIMIT_Q31 : skew < -SKEW_LIMIT_Q31 ? -SKEW_LIMIT_Q31 : skew;
+    result.line.skew_q31 = (int32_t)skew;
     result.line.ahead_q8 =
         (int64_t)right->ahead_us * Q8 - line_at(&result.line, right->gap8_us) + low_by(self, result.count, 2);
     return result;
@@ -394,6 +383,19 @@ static void remember(clock_track_t *self, int64_t above_q8) {
     }
 }
 
+/// A message, from the anchor, and by how much it is above the line.
+typedef struct {
+    int32_t gap8_us;
+    int64_t ahead_us;
+    int64_t above_q8;
+} reading_t;
+
+static reading_t read_at(const clock_track_t *self, uint64_t stm32_us, uint64_t gap8_us) {
+    const int32_t after_us = passed(self->anchor_gap8_us, gap8_us);
+    const int64_t ahead_us = (int64_t)passed(self->anchor_stm32_us, stm32_us) - after_us;
+    return (reading_t){after_us, ahead_us, ahead_us * Q8 - line_at(&self->line, after_us)};
+}
+
 /// A message of another epoch, or damaged.
 static void hold(clock_track_t *self, uint64_t stm32_us, uint64_t gap8_us) {
     self->dropped++;
@@ -412,17 +414,12 @@ static void hold(clock_track_t *self, uint64_t stm32_us, uint64_t gap8_us) {
     }
 }
 
-static void use(clock_track_t *self, int32_t gap8_us, int32_t ahead_us, int64_t above_q8, bool queued) {
+static void use(clock_track_t *self, const reading_t *reading, bool queued) {
+    const int64_t above_q8 = reading->above_q8;
     if (self->open.count == 0 || above_q8 > self->open_best_q8) {
-        const int64_t better_us = self->open.count == 0 ? 0 : (above_q8 - self->open_best_q8) / Q8;
-        self->open_excess_us =
-            at_most(self->open_excess_us + (uint64_t)better_us * self->open.count, UINT32_MAX / 2);
         self->open_best_q8 = above_q8;
-        self->open.gap8_us = gap8_us;
-        self->open.ahead_us = ahead_us;
-    } else {
-        self->open_excess_us =
-            at_most(self->open_excess_us + (uint64_t)(self->open_best_q8 - above_q8) / Q8, UINT32_MAX / 2);
+        self->open.gap8_us = reading->gap8_us;
+        self->open.ahead_us = (int32_t)reading->ahead_us;
     }
     self->open.count = (uint16_t)(self->open.count < UINT16_MAX / 4 ? self->open.count + 1 : UINT16_MAX / 4);
     if (!self->fitted) {
@@ -464,26 +461,20 @@ void clock_track_take(clock_track_t *self, uint64_t stm32_us, uint64_t gap8_us, 
         passed(self->anchor_gap8_us, gap8_us) > 2 * CLOCK_AGE_MAX_US) {
         begin_epoch(self, stm32_us, gap8_us, epoch);
     }
-    const int32_t after_us = passed(self->anchor_gap8_us, gap8_us);
-    const int64_t ahead_us = (int64_t)passed(self->anchor_stm32_us, stm32_us) - after_us;
-    const int64_t above_q8 = ahead_us * Q8 - line_at(&self->line, after_us);
+    reading_t reading = read_at(self, stm32_us, gap8_us);
     const int64_t early_us =
         self->fitted ? 2 * (int64_t)((self->noise_q8 + self->wander_q8) / Q8) + EARLY_US : LATE_US;
-    if (above_q8 > early_us * Q8 || above_q8 < -(int64_t)LATE_US * Q8) {
+    if (reading.above_q8 > early_us * Q8 || reading.above_q8 < -(int64_t)LATE_US * Q8) {
         hold(self, stm32_us, gap8_us);
         return;
     }
     self->held_fill = 0;
     self->used_gap8_us = gap8_us;
-    if (self->open.count > 0 && after_us - self->open_begin_us >= (int32_t)self->block_us) {
-        close_block(self, after_us);
-        const int32_t now_us = passed(self->anchor_gap8_us, gap8_us);
-        const int32_t now_ahead_us = passed(self->anchor_stm32_us, stm32_us) - now_us;
-        use(self, now_us, now_ahead_us, (int64_t)now_ahead_us * Q8 - line_at(&self->line, now_us),
-            step_us < QUEUED_US);
-        return;
+    if (self->open.count > 0 && reading.gap8_us - self->open_begin_us >= (int32_t)self->block_us) {
+        close_block(self, reading.gap8_us);
+        reading = read_at(self, stm32_us, gap8_us);
     }
-    use(self, after_us, (int32_t)ahead_us, above_q8, step_us < QUEUED_US);
+    use(self, &reading, step_us < QUEUED_US);
 }
 
 /// Between the ticks: frames come at one rate, and the least squares line through their readings is finer

@@ -33,10 +33,9 @@ typedef struct {
 } clock_known_t;
 
 typedef struct {
-    int32_t gap8_us;    ///< of the earliest message, after the anchor
-    int32_t ahead_us;   ///< its T - G
-    uint16_t count;     ///< messages; 0: the block is empty
-    uint16_t excess_us; ///< by how much the others are later than it, mean
+    int32_t gap8_us;  ///< of the earliest message, after the anchor
+    int32_t ahead_us; ///< its T - G
+    uint16_t count;   ///< messages; 0: the block is empty
 } clock_block_t;
 
 /// b + s g, of T - G in us * 256, g in us after the anchor.
@@ -92,7 +91,6 @@ typedef struct {
     uint32_t block_us;    ///< length of a block
     clock_block_t open;   ///< block under way
     int64_t open_best_q8; ///< its best message against the line
-    uint32_t open_excess_us;
     int32_t open_begin_us;
     uint64_t held_stm32_us; ///< first of the messages that agree with each other and not with the line
     uint64_t held_gap8_us;
