@@ -45,6 +45,8 @@ lint: $(STAMP)
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 	$(VENV)/bin/clang-format --dry-run --Werror $(filter-out host/native/_%,$(C_FILES)) $(TEST_C_FILES)
+	@# A build at a user's only warns; here a warning is an error. The firmware's own check is a test.
+	gcc -std=c11 -O1 -Wall -Wextra -Wconversion -Werror -fsyntax-only $(wildcard sim/*/*.c host/native/[a-z]*.c)
 
 # The Python tests once more, against C built with AddressSanitizer and UndefinedBehaviorSanitizer.
 sanitize: $(STAMP)

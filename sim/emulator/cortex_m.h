@@ -57,13 +57,7 @@ void nvic_pend(nvic_t *self, int exception);
 void nvic_begin(nvic_t *self, int exception);
 void nvic_end(nvic_t *self, int exception);
 
-typedef enum {
-    STOPPED_ASLEEP,
-    STOPPED_TO_INTERRUPT,
-    STOPPED_RETURN,
-    STOPPED_SVC,
-    STOPPED_OTHER
-} cortex_m_stop_t;
+typedef enum { STOPPED_ASLEEP, STOPPED_TO_INTERRUPT, STOPPED_OTHER } cortex_m_stop_t;
 
 typedef struct {
     nvic_t nvic;
@@ -73,9 +67,6 @@ typedef struct {
     uint8_t running[CORTEX_M_EXCEPTIONS];
     cortex_m_stop_t stop; ///< why the code has stopped
     int interrupt;        ///< Unicorn's number of what it could not do, STOPPED_OTHER
-    int access;           ///< uc_mem_type of an access that failed
-    uint32_t access_address;
-    int access_bytes;
 } cortex_m_t;
 
 extern const cpu_t cortex_m;

@@ -61,6 +61,13 @@ typedef struct {
     void (*reset_stamp)(emulator_t *e);
 } machine_t;
 
+/// An access to memory that Unicorn has refused.
+typedef struct {
+    int type; ///< as Unicorn names it, or -1
+    uint32_t address;
+    int bytes;
+} refused_t;
+
 struct emulator {
     const unicorn_api_t *api;
     const image_t *image;
@@ -73,6 +80,7 @@ struct emulator {
     uint8_t *memories[MACHINE_MEMORIES_MAX];
     int64_t now_ns; ///< local
     uint32_t blocks_left;
+    refused_t refused;
     bool counting;
     uint64_t instructions;
     int64_t wire_byte_ps[MACHINE_PORTS_MAX]; ///< how fast the other end of a UART sends
@@ -87,6 +95,20 @@ __attribute__((format(printf, 2, 3))) void emulator_fail(emulator_t *e, const ch
 
 static inline bool emulator_failed(const emulator_t *e) {
     return e->report->failed;
+}
+
+/// Unicorn has refused an access with `error`: it is done again, from `pc`, to say what it was. `read_only`
+/// is what memory is called that code cannot write.
+void emulator_fail_on_access(emulator_t *e, uint64_t pc, uint64_t until, int error, const char *read_only);
+
+/// At the start of every basic block: false, and the end of the run, when there have been too many.
+static inline bool emulator_may_go_on(emulator_t *e) {
+    if (e->blocks_left == 0) {
+        emulator_fail(e, "the code has run %d blocks without going to sleep", EMULATOR_BLOCKS_MAX);
+        return false;
+    }
+    e->blocks_left--;
+    return true;
 }
 
 /// cpu->run; after each call emulator_failed is to be checked.

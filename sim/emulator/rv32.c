@@ -29,9 +29,6 @@ typedef struct {
     int line;         ///< whose handler runs, or NONE
     uint32_t pc;      ///< where the code has stopped
     int exception;    ///< that has stopped it, or NONE
-    int access;       ///< that has failed, as Unicorn names it
-    uint32_t access_address;
-    int access_bytes;
 } rv32_t;
 
 static rv32_t *cpu_of(const emulator_t *e) {
@@ -64,47 +61,13 @@ static void on_block(unicorn_t *engine, uint64_t address, uint32_t size, void *u
     (void)engine;
     (void)address;
     (void)size;
-    if (e->blocks_left == 0) {
-        emulator_fail(e, "the code has run %d blocks without going to sleep", EMULATOR_BLOCKS_MAX);
-        return;
-    }
-    e->blocks_left--;
+    emulator_may_go_on(e);
 }
 
 static void on_exception(unicorn_t *engine, uint32_t number, void *user) {
     emulator_t *e = user;
     cpu_of(e)->exception = (int)number;
     e->api->stop(engine);
-}
-
-static bool on_bad_access(unicorn_t *engine, int type, uint64_t address, int size, int64_t value,
-                          void *user) {
-    rv32_t *cpu = cpu_of(user);
-    (void)engine;
-    (void)value;
-    cpu->access = type;
-    cpu->access_address = (uint32_t)address;
-    cpu->access_bytes = size;
-    return false;
-}
-
-/// A hook for bad accesses would make all stores slow: so the one that has failed is done again, with a hook.
-static void fail_on_access(emulator_t *e, int error) {
-    const unicorn_api_t *api = e->api;
-    rv32_t *cpu = cpu_of(e);
-    size_t hook;
-    cpu->access = NONE;
-    api->add_hook(e->engine, &hook, api->hook_memory_invalid, (void *)on_bad_access, e, 1, 0);
-    api->start(e->engine, cpu->pc, NEVER, 0, 0);
-    const char *what = cpu->access == api->access_write_protected  ? "write to ROM"
-                       : cpu->access == api->access_write_unmapped ? "write where nothing is"
-                       : cpu->access == api->access_read_unmapped  ? "read where nothing is"
-                                                                   : NULL;
-    if (what == NULL) {
-        emulator_fail(e, "%s", api->describe(error));
-    } else {
-        emulator_fail(e, "%s: %d bytes at 0x%08x", what, cpu->access_bytes, cpu->access_address);
-    }
 }
 
 static void fail_on(emulator_t *e, int error) {
@@ -119,7 +82,7 @@ static void fail_on(emulator_t *e, int error) {
     } else if (code == NULL) {
         emulator_fail(e, "jump to 0x%08x, where no code is", cpu->pc);
     } else {
-        fail_on_access(e, error);
+        emulator_fail_on_access(e, cpu->pc, NEVER, error, "ROM");
     }
 }
 
