@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+
+from .verb import add_verb
 
 STAMPS_EXAMPLES = """\
 Native frames bring all messages with both clocks; NanoCockpit's bring one each. The times that are worked out from all
@@ -49,21 +50,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     robots = add_verb(verbs, "robots", run_robots, "compare the clocks of robots by their logs", ROBOTS_EXAMPLES)
     robots.add_argument("files", metavar="LOG", nargs="+", help="µSD logs of one run, two or more")
     robots.add_argument("--variable", metavar="NAMES", help="what was broadcast: variables, joined by commas")
-
-
-def add_verb(
-    verbs: argparse._SubParsersAction[argparse.ArgumentParser], name: str, run: Any, says: str, examples: str
-) -> argparse.ArgumentParser:
-    verb = verbs.add_parser(
-        name,
-        help=says,
-        description=f"{says[0].upper()}{says[1:]}.",
-        epilog=examples,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    verb.add_argument("--json", action="store_true", help="JSON lines on stdout")
-    verb.set_defaults(run=run)
-    return verb
 
 
 def run_stamps(arguments: argparse.Namespace) -> int:

@@ -8,6 +8,7 @@ from typing import Any
 
 from ..protocol.errors import LocalError
 from . import usd_config, usd_interpolate, usd_plot
+from .verb import add_verb
 
 FILES = """\
 FILE is a log as it lies on the card: version 2 or 1, or the format of 2019; or a log on a card's image (made with dd),
@@ -57,12 +58,15 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         description="Read, check, repair and plot logs of the µSD card, and check what they are configured with.",
     )
     verbs = this.add_subparsers(dest="verb", metavar="VERB", title="verbs", required=True)
-    info = add_verb(verbs, "info", run_info, "say what is in a log", INFO_EXAMPLES)
-    check = add_verb(verbs, "check", run_check, "say what is wrong with a log", CHECK_EXAMPLES)
+    more = f"\n\n{FILES}"
+    info = add_verb(verbs, "info", run_info, "say what is in a log", INFO_EXAMPLES, more)
+    check = add_verb(verbs, "check", run_check, "say what is wrong with a log", CHECK_EXAMPLES, more)
     for each in (info, check):
         each.add_argument("files", metavar="FILE", nargs="+", help="a log")
-    decode = add_verb(verbs, "decode", run_decode, "turn a log into tables", DECODE_EXAMPLES)
-    repair = add_verb(verbs, "repair", run_repair, "write a valid log of all that is left of one", REPAIR_EXAMPLES)
+    decode = add_verb(verbs, "decode", run_decode, "turn a log into tables", DECODE_EXAMPLES, more)
+    repair = add_verb(
+        verbs, "repair", run_repair, "write a valid log of all that is left of one", REPAIR_EXAMPLES, more
+    )
     for each in (decode, repair):
         each.add_argument("file", metavar="FILE", help="a log")
         each.add_argument("-o", "--output", metavar="OUT", required=True, help="the new file")
@@ -71,21 +75,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     usd_config.add_parser(verbs)
     usd_interpolate.add_parser(verbs)
     usd_plot.add_parser(verbs)
-
-
-def add_verb(
-    verbs: argparse._SubParsersAction[argparse.ArgumentParser], name: str, run: Any, says: str, examples: str
-) -> argparse.ArgumentParser:
-    verb = verbs.add_parser(
-        name,
-        help=says,
-        description=f"{says[0].upper()}{says[1:]}.\n\n{FILES}",
-        epilog=examples,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    verb.add_argument("--json", action="store_true", help="JSON lines on stdout")
-    verb.set_defaults(run=run)
-    return verb
 
 
 def run_info(arguments: argparse.Namespace) -> int:
