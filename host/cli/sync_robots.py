@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -28,6 +29,9 @@ def run(arguments: argparse.Namespace) -> int:
     """4 if two logs have nothing in common."""
     if len(arguments.files) < 2:
         raise LocalError("one log: give the logs of two robots or more")
+    for name, count in Counter(arguments.files).items():
+        if count > 1:
+            raise LocalError(f"{name}: given {count} times: give the logs of two robots or more")
     logs = [load(name, examined=False)[0] for name in arguments.files]
     for name, log in zip(arguments.files, logs, strict=True):
         if not log.row_count:

@@ -64,5 +64,7 @@ def test_what_cannot_be_compared_says_why(capsys: pytest.CaptureFixture[str]) ->
     log = str(REAL / "cf5_00")
     assert main(["sync", "robots", log]) == 2
     assert "two robots" in capsys.readouterr().err
-    assert main(["sync", "robots", log, log, "--variable", "gyro"]) == 2
+    assert main(["sync", "robots", log, log]) == 2
+    assert "given 2 times" in capsys.readouterr().err
+    assert main(["sync", "robots", log, str(REAL / "cf6_00"), "--variable", "gyro"]) == 2
     assert "host usd info" in capsys.readouterr().err
