@@ -19,15 +19,15 @@ DOTS_MAX = 4000
 BLUE, RED, GREEN, GREY, GRID = "#0b62a4", "#c8344b", "#2a8f57", "#6b7280", "#e3e6ea"
 
 
-def picture(result: Stamped, own_stm32_us: Any) -> list[Shape]:
+def picture(result: Stamped) -> list[Shape]:
     """Time is the GAP8's, from the first message or frame on; a GAP8 that started anew begins anew at its left."""
     frames_us = result.sorted.frame_gap8_us.astype(np.float64)
     from_us = min(float(frames_us.min()), *(each.sent_us[0] for each in result.fitted))
     to_us = max(float(frames_us.max()), *(each.sent_us[1] for each in result.fitted))
-    return list(shapes(result, own_stm32_us, from_us, max(to_us, from_us + 1)))
+    return list(shapes(result, from_us, max(to_us, from_us + 1)))
 
 
-def shapes(result: Stamped, own_stm32_us: Any, from_us: float, to_us: float) -> Iterator[Shape]:
+def shapes(result: Stamped, from_us: float, to_us: float) -> Iterator[Shape]:
     def x(at_us: Any) -> Any:
         return LEFT + (np.asarray(at_us) - from_us) * ((WIDTH - LEFT - RIGHT) / (to_us - from_us))
 

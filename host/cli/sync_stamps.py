@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -14,9 +15,6 @@ from ..clock.stamps import WIRE_US, Stamped, stamp
 from ..link.records import PAIR_DTYPE, Frame
 from ..protocol.errors import LocalError, PeerError
 from .as_json import line
-
-if TYPE_CHECKING:
-    from ..usd.drawing import Shape
 
 NANOCOCKPIT_WIRE_US = 40 * 10 * 365 / 42
 HEADER = "frame_index,frame,frame_gap8_us,frame_stm32_us,bound_us,epoch,refused"
@@ -58,33 +56,54 @@ class Source:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 if every robot's frames have been looked at; 4 if there is no frame."""
+    """4 if there is no frame, or none of a robot's can be given a time."""
     from ..link.replay import Recording
+    from .sync_plot import HEIGHT, WIDTH, picture
+    from .usd_plot import picture_writer
+    from .usd_tables import new_file
 
-    recording = Recording(arguments.file)
-    robots = sorted(recording.sources) if arguments.robot is None else [recording.source(arguments.robot).number]
-    recording.close()
-    if len(robots) > 1 and (arguments.apply or arguments.plot):
-        raise LocalError(f"{arguments.file}: of {len(robots)} robots; choose one with --robot to write or draw")
-    for robot in robots:
-        source = read(arguments.file, robot)
-        if not source.dialects:
-            raise PeerError(f"{arguments.file}: robot {robot}: no frame came whole")
-        result = None
-        if source.index:
-            all_times = source.stm32, source.gap8, source.frame_gap8, source.frame_after, source.resets
-            result = stamp(*all_times, source.wire_us, 1000.0 if source.in_ms else 1.0)
-        if arguments.json:
-            print(line(as_record(arguments.file, source, result)))
-        else:
-            print("\n".join(lines(arguments.file, source, result)))
-        if (arguments.apply or arguments.plot) and (result is None or not len(result.frame)):
-            raise PeerError(f"{arguments.file}: robot {robot}: no frame can be given a time, so nothing was written")
-        if arguments.apply and result is not None:
-            write(arguments.apply, source, result, arguments.force)
-        if arguments.plot and result is not None:
-            draw(arguments.plot, source, result, arguments.force)
-    return 0
+    code = 0
+    with ExitStack() as outputs:
+        # Before anything is read, and kept only if all goes well.
+        write_picture = picture_writer(arguments.plot) if arguments.plot else None
+        table, drawing = (
+            outputs.enter_context(new_file(each, arguments.force)) if each else None
+            for each in (arguments.apply, arguments.plot)
+        )
+        recording = Recording(arguments.file)
+        robots = sorted(recording.sources) if arguments.robot is None else [recording.source(arguments.robot).number]
+        recording.close()
+        if len(robots) > 1 and (table or drawing):
+            raise LocalError(f"{arguments.file}: of {len(robots)} robots; choose one with --robot to write or draw")
+        for robot in robots:
+            source = read(arguments.file, robot)
+            if not source.dialects:
+                raise PeerError(f"{arguments.file}: robot {robot}: no frame came whole")
+            result = work_out(source)
+            if arguments.json:
+                print(line(as_record(arguments.file, source, result)))
+            else:
+                print("\n".join(lines(arguments.file, source, result)))
+            if result is None or not len(result.frame):
+                if table or drawing:
+                    raise PeerError(
+                        f"{arguments.file}: robot {robot}: no frame can be given a time, so nothing was written"
+                    )
+                code = 4
+                continue
+            if table:
+                write(table, source, result)
+            if drawing and write_picture:
+                drawing.write(write_picture(WIDTH, HEIGHT, picture(result)))
+    return code
+
+
+def work_out(source: Source) -> Stamped | None:
+    """None when the frames have no time of the GAP8's."""
+    if not source.index:
+        return None
+    all_times = source.stm32, source.gap8, source.frame_gap8, source.frame_after, source.resets
+    return stamp(*all_times, source.wire_us, 1000.0 if source.in_ms else 1.0)
 
 
 def read(name: str, robot: int) -> Source:
@@ -249,36 +268,15 @@ def lines(name: str, source: Source, result: Stamped | None) -> Iterator[str]:
     yield from (f"  note      {each}" for each in record["notes"])
 
 
-def write(output: str, source: Source, result: Stamped, force: bool) -> None:
+def write(out: IO[bytes], source: Source, result: Stamped) -> None:
     """The CSV file."""
-    from .usd_tables import new_file
-
     given = dict(zip(result.frame.tolist(), range(len(result.frame)), strict=True))
-    with new_file(output, force) as out:
-        out.write(f"{HEADER}\n".encode())
-        for place, (index, number, gap8) in enumerate(
-            zip(source.index, source.number, source.frame_gap8.tolist(), strict=True)
-        ):
-            at = given.get(place)
-            if at is None:
-                told = f",,,{result.refused[place]}"
-            else:
-                told = f"{result.stm32_us[at]:.1f},{result.bound_us[at]:.1f},{result.epoch[at]},"
-            out.write(f"{index},{number},{gap8},{told}\n".encode())
-
-
-def draw(output: str, source: Source, result: Stamped, force: bool) -> None:
-    """The picture."""
-    from pathlib import Path
-
-    from ..usd import drawing
-    from .sync_plot import HEIGHT, WIDTH, picture
-    from .usd_tables import new_file
-
-    writers = {".svg": drawing.svg, ".png": drawing.png}
-    writer = writers.get(Path(output).suffix.lower())
-    if writer is None:
-        raise LocalError(f"{output}: pictures end in .svg or .png")
-    shapes: list[Shape] = picture(result, source.own_stm32_us)
-    with new_file(output, force) as out:
-        out.write(writer(WIDTH, HEIGHT, shapes))
+    out.write(f"{HEADER}\n".encode())
+    frames = zip(source.index, source.number, source.frame_gap8.tolist(), strict=True)
+    for place, (index, number, gap8) in enumerate(frames):
+        at = given.get(place)
+        if at is None:
+            told = f",,,{result.refused[place]}"
+        else:
+            told = f"{result.stm32_us[at]:.1f},{result.bound_us[at]:.1f},{result.epoch[at]},"
+        out.write(f"{index},{number},{gap8},{told}\n".encode())

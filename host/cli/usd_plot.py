@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING
 from ..protocol.errors import LocalError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from ..usd.drawing import Shape
     from ..usd.log import Log
     from ..usd.plot import Curve
 
@@ -48,7 +51,6 @@ def add_parser(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 def run(arguments: argparse.Namespace) -> int:
     """Draws the picture; 4 if nothing of the log can be read."""
-    from ..usd import drawing
     from ..usd.plot import CURVES_MAX, PANELS_MAX, plot
     from .as_json import line
     from .usd import load, raise_nothing, warn, warn_of_card
@@ -56,10 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     from .usd_report import state
     from .usd_tables import new_file
 
-    writers = {".svg": drawing.svg, ".png": drawing.png}
-    write = writers.get(Path(arguments.output).suffix.lower())
-    if write is None:
-        raise LocalError(f"{arguments.output}: its ending chooses the format: {', '.join(writers)}")
+    write = picture_writer(arguments.output)
     first, last = bound(arguments.from_us, "--from-us", -math.inf), bound(arguments.to_us, "--to-us", math.inf)
     log, findings = load(arguments.file)
     if not log.row_count:
@@ -93,6 +92,17 @@ def bound(text: str | None, option: str, otherwise: float) -> float:
         return otherwise if text is None else real(text)
     except ValueError as error:
         raise LocalError(f"{option} {text}: microseconds of the stamp clock, as 12400000") from error
+
+
+def picture_writer(output: str) -> Callable[[int, int, Sequence[Shape]], bytes]:
+    """Of the format that a file's name asks for. LocalError if that is none."""
+    from ..usd import drawing
+
+    writers = {".svg": drawing.svg, ".png": drawing.png}
+    writer = writers.get(Path(output).suffix.lower())
+    if writer is None:
+        raise LocalError(f"{output}: its ending chooses the format: {', '.join(writers)}")
+    return writer
 
 
 def curves(log: Log, asked: str) -> list[Curve]:

@@ -17,9 +17,9 @@ def record(tmp_path: Path, url: str, seconds: str = "12") -> str:
     return path
 
 
-def stamps(capsys: pytest.CaptureFixture[str], *words: str) -> dict:
+def stamps(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> dict:
     capsys.readouterr()
-    assert main(["sync", "stamps", *words, "--json"]) == 0
+    assert main(["sync", "stamps", *words, "--json"]) == code
     return json.loads(capsys.readouterr().out)
 
 
@@ -68,7 +68,7 @@ def test_against_the_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str], k
 
 def test_other_firmware_says_what_cannot_be_repaired(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = record(tmp_path, "sim://paper?pace=max&seed=7", "3")
-    said = stamps(capsys, path)
+    said = stamps(capsys, path, code=4)
     assert said["stamped"] == 0
     assert "cannot be worked out anew" in said["notes"][0]
     assert main(["sync", "stamps", path, "--apply", str(tmp_path / "x.csv")]) == 4
@@ -89,6 +89,11 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert main(["sync", "stamps", path, "--apply", str(out)]) == 2
     assert out.read_text(encoding="utf-8") == "mine"
     assert main(["sync", "stamps", path, "--plot", str(tmp_path / "x.gif")]) == 2
-    assert "svg or .png" in capsys.readouterr().err
+    assert ".svg, .png" in capsys.readouterr().err
+    assert main(["sync", "stamps", path, "--apply", str(tmp_path / "new.csv"), "--plot", str(tmp_path / "x.gif")]) == 2
+    picture = tmp_path / "x.svg"
+    picture.touch()
+    assert main(["sync", "stamps", path, "--apply", str(tmp_path / "new.csv"), "--plot", str(picture)]) == 2
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["flight.mcap", "times.csv", "x.svg"]
     assert main(["sync", "stamps", str(out)]) == 2
     assert main(["sync", "stamps", path, "--robot", "3"]) == 2
