@@ -52,6 +52,8 @@ class CardImage:
         """PeerError if it is no FAT volume."""
         self.volume = Volume(memoryview(source).cast("B"))
         self.faults: list[Fault] = []
+        self._chains: dict[int, Chain] = {}
+        """By their first cluster: every file is held against all others."""
         self.files = list(self._walk())
 
     def find(self, path: str) -> CardFile:
@@ -92,7 +94,9 @@ class CardImage:
             return Chain([])
         if not self.volume.has(file.cluster):
             return Chain([], [Fault(file.sector, f"begins in cluster {file.cluster}, which there is not")])
-        return self.volume.chain(file.cluster)
+        if file.cluster not in self._chains:
+            self._chains[file.cluster] = self.volume.chain(file.cluster)
+        return self._chains[file.cluster]
 
     def _shared(self, file: CardFile, chain: Chain) -> Iterator[Fault]:
         own = set(chain.clusters)

@@ -93,8 +93,8 @@ class Volume:
         said = [self._entry(table, cluster) for table in self._tables]
         for number, entry in enumerate(said):
             if entry >= self._end or self.has(entry):
-                fault = self._fault(cluster, "the first FAT makes no sense here: the second was used")
-                if number and fault not in faults:
+                why = "the first FAT makes no sense here: the second was used"
+                if number and (fault := self._fault(cluster, why)) not in faults:
                     faults.append(fault)
                 return entry
         return said[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import mmap
 import os
 import stat
@@ -40,9 +41,24 @@ def card_faults(name: str) -> tuple[Fault, ...]:
 def open_card(name: str) -> CardImage:
     """PeerError: it is no card's image."""
     try:
-        return CardImage(read_file(name))
+        return walked(name, identity(name))
     except PeerError as error:
         raise PeerError(f"{name}: {error}") from None
+
+
+@functools.lru_cache(maxsize=1)
+def walked(name: str, identity: tuple[int, ...]) -> CardImage:
+    """Once, as long as the image stays as it is: one command asks for several logs on it, and for its faults."""
+    return CardImage(read_file(name))
+
+
+def identity(name: str) -> tuple[int, ...]:
+    """What another image of this name would not have; nothing if there is no file, which read_file() explains."""
+    try:
+        found = Path(name).stat()
+    except OSError:
+        return ()
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def is_card(name: str) -> bool:
@@ -50,7 +66,7 @@ def is_card(name: str) -> bool:
     if split(name)[1] or not Path(name).is_file():
         return False
     try:
-        CardImage(read_file(name))
+        open_card(name)
     except PeerError:
         return False
     return True

@@ -261,45 +261,6 @@ CARDS: dict[int, Card] = {}
 IMAGES: dict[int, bytes] = {}
 
 
-def test_commands(tmp_path, capsys):
-    card = Card(128)
-    log = fill(Writer(session=7), seed=1, rows=400)
-    card.put("config.txt", b"1\n")
-    closed = log.close()
-    card.put("log00", closed)
-    card.put("log01", bytes(log.data[:5000]))
-    name = str(tmp_path / "card.img")
-    card.save(name)
-    assert main(["usd", "info", name]) == 0
-    shown = capsys.readouterr().out
-    assert "a card with FAT16, 3 files" in shown
-    assert f"{len(closed)} bytes, a log" in shown
-    assert f"host usd info {name}:/log00" in shown
-    assert main(["usd", "info", "--json", name]) == 0
-    assert '"path":"/log01"' in capsys.readouterr().out
-    assert main(["usd", "info", f"{name}:/log00"]) == 0
-    assert "400 fixedFrequency" in capsys.readouterr().out
-    assert main(["usd", "check", f"{name}:/log00"]) == 0
-    assert main(["usd", "check", name]) == 4
-    assert f"{name}:/log01" in capsys.readouterr().out
-    assert main(["usd", "decode", f"{name}:/LOG00", "-o", str(tmp_path / "flight.npz")]) == 0
-    assert main(["usd", "repair", f"{name}:/log01", "-o", str(tmp_path / "repaired")]) == 0
-    assert main(["usd", "repair", f"{name}:/log01", "-o", name, "--force"]) == 2
-    assert "FILE itself" in capsys.readouterr().err
-    assert main(["usd", "decode", name, "-o", str(tmp_path / "x.npz")]) == 2
-    assert "name a log on it" in capsys.readouterr().err
-    assert main(["usd", "info", f"{name}:/log07"]) == 2
-    assert "no file /log07 on this card; there are /config.txt, /log00, /log01" in capsys.readouterr().err
-    assert main(["usd", "info", f"{tmp_path}/nothing.img:/log07"]) == 2
-    assert "nothing.img: No such file" in capsys.readouterr().err
-    Card(16).save(str(tmp_path / "empty.img"))
-    assert main(["usd", "check", str(tmp_path / "empty.img")]) == 2
-    assert "no logs on this card" in capsys.readouterr().err
-    (tmp_path / "other").write_bytes(b"other")
-    assert main(["usd", "info", f"{tmp_path}/other:/log00"]) == 4
-    assert "neither a log nor the image of a FAT card" in capsys.readouterr().err
-
-
 def test_damaged_card_is_a_fault(tmp_path, capsys):
     card = Card(128)
     card.put("log00", fill(Writer(session=7), seed=1, rows=400).close())
