@@ -8,9 +8,9 @@ from .verb import add_verb
 
 STAMPS_EXAMPLES = """\
 Native frames bring all messages with both clocks; NanoCockpit's bring one each. The times that are worked out from all
-of them are those of the end of frame on the STM32's clock, with a bound that holds for 99 % of the frames. A frame for
-which nothing is known is refused, with the reason. Stock and paper frames carry no times of messages: of these it says
-what can be repaired and what cannot.
+of them are those of the end of frame on the STM32's clock, with a bound that holds for 99 % of the frames, but for how
+late the GAP8 reads its clock then. A frame for which nothing is known is refused, with the reason. Stock and paper
+frames carry no times of messages: of these it says what can be repaired and what cannot (exit code 4).
 
 OUT is a CSV file with a line for each frame. REC is only read.
 

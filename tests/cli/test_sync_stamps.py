@@ -66,6 +66,16 @@ def test_against_the_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str], k
     assert (tmp_path / "a.svg").read_text(encoding="utf-8").startswith("<svg")
 
 
+def test_how_late_the_gap8_reads_its_clock_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """sim://hover as it is: no message knows of camera_jitter_us = 20. The README has these figures of 60 s."""
+    url = "sim://hover?pace=max&seed=7"
+    out = tmp_path / "times.csv"
+    stamps(capsys, record(tmp_path, url, "20"), "--apply", str(out))
+    error = true_errors(url, list(csv.DictReader(out.read_text(encoding="utf-8").splitlines())))
+    assert 16 < error.mean() < 24
+    assert 17 < error.std() < 27
+
+
 def test_other_firmware_says_what_cannot_be_repaired(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = record(tmp_path, "sim://paper?pace=max&seed=7", "3")
     said = stamps(capsys, path, code=4)
