@@ -1,4 +1,4 @@
-"""Times of frames on the GAP8: the tracker of firmware/core/clock.c beside the paper's rule, on simulated clocks.
+"""Times of frames on the GAP8: the tracker of firmware/core/clock.h beside the paper's rule, on simulated clocks.
 
 100 messages a second, their delays exponential with the mean `mu` over a fixed floor; 30 frames a second. Errors are of
 all frames with a time after 20 s; coverage, bound and flags of those after the first second. The paper's rule is

@@ -51,7 +51,6 @@ typedef struct {
     int32_t votes_q16;  ///< how often it was farther than delays explain
     uint32_t newest_q8; ///< not a mean
     uint8_t count;
-    uint8_t count_max;
 } clock_apart_t;
 
 typedef struct {

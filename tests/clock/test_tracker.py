@@ -1,4 +1,4 @@
-"""The online tracker of firmware/core/clock.c: how good it is without faults, and what it says with next to nothing.
+"""The online tracker of firmware/core/clock.h: how good it is without faults, and what it says with next to nothing.
 
 benchmarks/clock.py prints the same figures from longer runs.
 """

@@ -1,5 +1,5 @@
-"""Each fault of a link or a clock, against the tracker of firmware/core/clock: once a message has told of it, no frame
-has a wrong time without a warning. Frames before that message are counted here, with what they may be."""
+"""Each fault of a link or a clock, against the tracker of firmware/core/clock.h: once a message has told of it, no
+frame has a wrong time without a warning. Frames before that message are counted here, with what they may be."""
 
 from __future__ import annotations
 

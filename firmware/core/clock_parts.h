@@ -1,0 +1,48 @@
+/// The parts of the clock tracker, private to it: clock.c has the epochs and the gate that messages pass,
+/// clock_blocks.c keeps the earliest of them, clock_window.c makes the line of the blocks and says how good
+/// it is, clock_stamp.c says the time of a frame.
+#ifndef SPINDECK_CORE_CLOCK_PARTS_H
+#define SPINDECK_CORE_CLOCK_PARTS_H
+
+#include "clock.h"
+
+enum {
+    Q8 = 256,
+    BLOCK_LAST_US = 250000,
+    FINE_NS = 1000,   ///< ticks that are no longer than this hide nothing
+    LATE_US = 100000, ///< later is no delay
+    DOUBT = 14,       ///< a gap of this mean delays per message has a chance of e^-14
+};
+
+static inline int32_t passed(uint64_t from, uint64_t to) {
+    return (int32_t)(uint32_t)(to - from);
+}
+
+static inline int64_t line_at(const clock_line_t *line, int32_t gap8_us) {
+    return line->ahead_q8 + (int64_t)line->skew_q31 * gap8_us / (1 << 23);
+}
+
+static inline uint32_t at_most(uint64_t value, uint32_t limit) {
+    return value < limit ? (uint32_t)value : limit;
+}
+
+static inline uint32_t tick_q8(const clock_track_t *self) {
+    const uint32_t tick_ns = self->known.tick_ns < FINE_NS ? FINE_NS : self->known.tick_ns;
+    return (uint32_t)((uint64_t)tick_ns * Q8 / 1000);
+}
+
+// clock_blocks.c. Times are after the anchor.
+/// None, and an open one from the anchor on.
+void clock_track_blocks_begin(clock_track_t *self);
+/// A message, into the open block.
+void clock_track_blocks_add(clock_track_t *self, int32_t gap8_us, int32_t ahead_us, int64_t above_q8);
+/// Keeps the open block, which has a message, moves the anchor to it and opens the next at `gap8_us`.
+void clock_track_blocks_close(clock_track_t *self, int32_t gap8_us);
+/// The oldest.
+void clock_track_blocks_drop(clock_track_t *self, uint8_t count);
+
+// clock_window.c
+/// The line of the blocks as they are now. Blocks that the newest contradict for long enough are given up.
+void clock_track_window_renew(clock_track_t *self);
+
+#endif

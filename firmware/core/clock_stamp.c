@@ -1,0 +1,128 @@
+#include "clock_parts.h"
+
+#include "image.h"
+
+#include <string.h>
+
+enum {
+    COARSE_NS = 100000, ///< messages may all come at the same place in such a tick
+    HOLDOVER_US = 250000,
+    STUCK_MIN = 3,
+};
+
+/// Between the ticks: frames come at one rate, and the least squares line through their readings is finer
+/// than a tick. In us * 256 after gap8_us.
+static uint32_t between_ticks(clock_track_t *self, uint64_t gap8_us) {
+    const uint32_t whole_q8 = tick_q8(self);
+    const uint32_t now_us = (uint32_t)gap8_us;
+    const int64_t tick_us = whole_q8 / Q8 + 1;
+    if (self->frames_fill > 1) {
+        const uint32_t last_us = self->frames_gap8_us[self->frames_head];
+        const uint32_t before_us =
+            self->frames_gap8_us[(self->frames_head + CLOCK_FRAMES - 1) % CLOCK_FRAMES];
+        const int64_t change_us = (int64_t)(int32_t)(now_us - last_us) - (int32_t)(last_us - before_us);
+        if (change_us > 2 * tick_us || change_us < -2 * tick_us) {
+            self->frames_fill = 0;
+        }
+    }
+    self->frames_head = (uint8_t)((self->frames_head + 1) % CLOCK_FRAMES);
+    self->frames_gap8_us[self->frames_head] = now_us;
+    self->frames_fill = (uint8_t)(self->frames_fill < CLOCK_FRAMES ? self->frames_fill + 1 : CLOCK_FRAMES);
+    const int64_t count = self->frames_fill;
+    int64_t sum = 0;
+    int64_t moment = 0;
+    for (uint8_t i = 0; i < self->frames_fill; i++) {
+        const int64_t each =
+            (int32_t)(self->frames_gap8_us[(self->frames_head + CLOCK_FRAMES - i) % CLOCK_FRAMES] - now_us);
+        sum += each;
+        moment += each * i;
+    }
+    if (count < 3) {
+        return whole_q8 / 2;
+    }
+    // At i = 0 of y = a + b i over i = 0..count-1: a = 2 ((2 n - 1) sum - 3 moment) / (n (n + 1)).
+    const int64_t end_q8 = 2 * ((2 * count - 1) * sum - 3 * moment) * Q8 / (count * (count + 1));
+    const int64_t here_q8 = end_q8 + whole_q8 / 2;
+    return here_q8 < 0 ? 0 : at_most((uint64_t)here_q8, whole_q8);
+}
+
+/// By how much the line may be wrong, by what does not agree with it.
+static uint32_t doubt_us(const clock_track_t *self) {
+    const uint32_t each[] = {self->doubt_recent_us, self->doubt_blocks_us, self->doubt_windows_us,
+                             self->doubt_early_us};
+    uint32_t most = 0;
+    for (uint8_t i = 0; i < sizeof each / sizeof each[0]; i++) {
+        most = each[i] > most ? each[i] : most;
+    }
+    return most;
+}
+
+/// For how long the line has been used beyond the blocks that it goes through, more than blocks take anyway.
+static uint32_t reach_us(const clock_track_t *self, uint64_t gap8_us) {
+    const int64_t beyond_us = (int64_t)passed(self->anchor_gap8_us, gap8_us) - 2 * (int64_t)self->block_us;
+    return beyond_us > 0 ? (uint32_t)beyond_us : 0;
+}
+
+static uint16_t state_flags(const clock_track_t *self, uint64_t gap8_us, uint32_t age_us) {
+    const bool held = self->held_fill > 0 || doubt_us(self) > 0;
+    const bool beyond = age_us > HOLDOVER_US || (self->fitted && reach_us(self, gap8_us) > HOLDOVER_US);
+    uint32_t flags = 0;
+    flags |= self->young && (!self->skewed || !self->fitted) ? FRAME_COLD : 0U;
+    flags |= self->young && !self->first ? FRAME_EPOCH_NEW : 0U;
+    flags |= self->young && passed(self->begin_gap8_us, gap8_us) < 0 ? FRAME_BEFORE_EPOCH : 0U;
+    flags |= beyond ? FRAME_HOLDOVER : 0U;
+    flags |= held ? FRAME_QUARANTINE : 0U;
+    flags |= self->stuck >= STUCK_MIN ? FRAME_STUCK : 0U;
+    flags |= self->known.tick_ns > FINE_NS ? FRAME_QUANTISED : 0U;
+    return (uint16_t)flags;
+}
+
+/// Of the estimate, either side. A line beyond its end is less sure of its offset in proportion, a clock that
+/// wanders by the square.
+static uint64_t bound_us(const clock_track_t *self, uint64_t gap8_us) {
+    const uint64_t reach_q8 = Q8 + (uint64_t)reach_us(self, gap8_us) * 2 * Q8 / (self->window_us + 1);
+    const uint64_t wander_q8 = self->wander_q8 * reach_q8 / Q8 * reach_q8 / Q8;
+    const uint32_t ticks = self->known.tick_ns > COARSE_NS ? 2 : 1;
+    const uint32_t ticks_q8 = ticks * tick_q8(self);
+    return (self->noise_q8 * reach_q8 / Q8 + wander_q8 + ticks_q8) / Q8 + 1 + doubt_us(self);
+}
+
+void clock_track_stamp(clock_track_t *self, uint64_t gap8_us, clock_time_t *time) {
+    memset(time, 0, sizeof *time);
+    const bool coarse = self->known.tick_ns > FINE_NS;
+    const int64_t shift_q8 = coarse ? (int64_t)between_ticks(self, gap8_us) : Q8 / 2;
+    time->flags = FRAME_REFUSED | FRAME_COLD;
+    time->age_us = UINT32_MAX;
+    time->bound_us = UINT32_MAX;
+    if (!self->anchored) {
+        return;
+    }
+    const int32_t since_us = passed(self->used_gap8_us, gap8_us);
+    self->expired = self->expired || since_us > CLOCK_AGE_MAX_US || since_us < -(int32_t)LATE_US;
+    time->epoch = self->epoch;
+    time->age_us = self->expired ? UINT32_MAX - 1 : since_us > 0 ? (uint32_t)since_us : 0;
+    time->flags = state_flags(self, gap8_us, time->age_us);
+    if (self->expired || !self->fitted || self->held_fill > 1 || (time->flags & FRAME_BEFORE_EPOCH) != 0) {
+        time->flags |= FRAME_REFUSED;
+        return;
+    }
+    const uint64_t bound = bound_us(self, gap8_us);
+    if (bound > CLOCK_BOUND_MAX_US) {
+        time->flags |= FRAME_REFUSED;
+        return;
+    }
+    time->bound_us = (uint32_t)bound;
+    const int32_t after_us = passed(self->anchor_gap8_us, gap8_us);
+    const int64_t delay_q8 = (int64_t)((uint64_t)self->known.delay_ns * Q8 / 1000);
+    const int32_t line_us = after_us + (int32_t)(self->known.delay_ns / 1000);
+    // Both readings of a message are rounded down, and the earliest of many shows it.
+    const int64_t rounded_q8 = coarse ? (int64_t)tick_q8(self) - Q8 / 2 : Q8 / 4;
+    const int64_t ahead_q8 = line_at(&self->line, line_us) + delay_q8 + shift_q8 - rounded_q8 + Q8 / 2;
+    const int64_t floor_us = ahead_q8 >= 0 ? ahead_q8 / Q8 : -((Q8 - 1 - ahead_q8) / Q8);
+    time->stm32_us = self->anchor_stm32_us + (uint64_t)((int64_t)after_us + floor_us);
+    time->flags |= FRAME_HAS_ESTIMATE | FRAME_HAS_BOUND;
+    time->window_us = self->window_us;
+    time->window_count = self->window_count;
+    time->mean_us = self->mean_q8 / Q8;
+    time->skew_ppb = (int32_t)((int64_t)self->line.skew_q31 * 1000000000 / ((int64_t)1 << 31));
+}
