@@ -13,6 +13,8 @@ from host.usd.log import Log
 
 STAMPS_OFF = 2**32 - 1
 SECOND = 1_000_000
+ROW_BYTES = 10 + 6 * 4
+"""With the variables of config()."""
 POSE = {"x_m": 1.0, "z_m": 2.0, "qz": 0.6, "qw": 0.8}
 
 
@@ -82,9 +84,13 @@ def ended(rig: Rig) -> Rig:
     return rig
 
 
+def log_files(rig: Rig) -> list[tuple[str, bytes]]:
+    """In the order of their names."""
+    return [(name, bytes(data)) for name, data in sorted(rig.card.files.items()) if name != "config.txt"]
+
+
 def logs(rig: Rig) -> list[Log]:
-    """Of all files, in their order."""
-    return [decode(bytes(data)) for name, data in sorted(rig.card.files.items()) if name != "config.txt"]
+    return [decode(data) for _, data in log_files(rig)]
 
 
 def grid(first_us: int, last_us: int) -> int:

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from log_rig import SECOND, Rig, config, ended, flown, grid, last_status, logs
-from memory_card import CLOSE, CREATE, DISK, FULL, NO_CARD, OPEN, READ, SEEK, SYNC, TRUNCATE, WRITE, MemoryCard
+from log_rig import ROW_BYTES, SECOND, Rig, config, ended, flown, grid, last_status, log_files, logs
+from memory_card import CLOSE, CREATE, DISK, FULL, NO_CARD, OPEN, READ, SEEK, STALE, SYNC, TRUNCATE, WRITE, MemoryCard
 
 from host.native import lib
 from host.usd.decode import decode
@@ -176,8 +176,11 @@ def test_any_operation_may_fail(result: int, burst: int) -> None:
         where = f"operation {first} to {first + burst - 1} fail with {result}"
         files = logs(rig)
         assert rig.app.log.status not in (lib.STM32_LOG_ON, lib.STM32_LOG_CLOSES, lib.STM32_LOG_STARTS), where
-        for log in files:
-            assert log.damages == () or not log.is_whole, where
+        for (name, data), log in zip(log_files(rig), files, strict=True):
+            for damage in log.damages:
+                lost = data[damage.offset : damage.offset + damage.size].rstrip(STALE)
+                assert len(lost) < ROW_BYTES, f"{where}: {damage}: more than the beginning of a row"
+            assert log.verified_count >= decode(rig.card.synced.get(name, b"")).verified_count, where
             if log.is_whole:
                 assert last_status(log)["accepted"] == len(log.rows["fixedFrequency"]), where
         if was_on and files and all(log.is_whole and len(log.rows["fixedFrequency"]) for log in files):

@@ -4,14 +4,13 @@ every row of a longer one is counted."""
 import itertools
 
 import pytest
-from log_rig import SECOND, Rig, config, ended, flown, grid, last_status, logs
+from log_rig import ROW_BYTES, SECOND, Rig, config, ended, flown, grid, last_status, logs
 from memory_card import SYNC, WRITE, MemoryCard
 
 from host.native import lib
 from host.usd.budget import OPERATIONS, PROMPT_S, budget
 from host.usd.config import Config, names_of_firmware, read_config
 
-ROW_BYTES = 10 + 6 * 4
 NAMES = names_of_firmware()
 FLOATS = [name for name, letter in NAMES.variables.items() if letter == "f"]
 
