@@ -17,8 +17,6 @@ from dataclasses import dataclass
 from ..native import lib
 from .config import FIXED, Config
 
-SECTOR_BYTES = 512
-SYNC_S = 0.25
 PROMPT_S = 0.002
 """A card is prompt that takes no longer for an operation."""
 OPERATIONS = 4
@@ -53,12 +51,12 @@ def budget(config: Config, rates_hz: Mapping[str, float]) -> Budget:
     rows = sum(rates[block.event] for block in counted)
     row_bytes = sum(rates[block.event] * block.row_bytes for block in counted)
     moment = sum(block.row_bytes for block in config.blocks)
-    ahead = SECTOR_BYTES - 1 + moment + lib.USD_STATUS_BYTES + math.ceil(OPERATIONS * PROMPT_S * row_bytes)
+    ahead = lib.STORAGE_SECTOR_BYTES - 1 + moment + lib.USD_STATUS_BYTES + math.ceil(OPERATIONS * PROMPT_S * row_bytes)
     least = lib.USD_LOG_END_BYTES + ahead
     # One row of each event may come at once, and others before a period is over.
     early = sum(block.row_bytes for block in counted if block.event != FIXED)
     room = config.ring_bytes - least - early
-    status = lib.USD_STATUS_BYTES / SYNC_S
+    status = lib.USD_STATUS_BYTES * 1e6 / lib.STM32_LOG_SYNC_US
     return Budget(
         rows_per_s=rows,
         bytes_per_s=row_bytes + status,
