@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from host.firmware import build, members
+from host.firmware.elf import loads, opened
 from host.native import ffi, lib
 from host.protocol.errors import LocalError
 
@@ -78,28 +79,16 @@ def built(mcu: str, toolchain: str | None = None) -> Image:
 
 def load(path: str | Path) -> Image:
     """An ELF file of `host firmware build`, or any that has the symbols of SYMBOLS. LocalError if it is none."""
-    try:
-        from elftools.common.exceptions import ELFError
-        from elftools.elf.elffile import ELFFile
-    except ImportError as error:
-        raise LocalError(
-            f"reading images needs pyelftools, which is not here ({error}): pip install 'spindeck[emulator]'"
-        ) from error
     path = Path(path)
-    try:
-        with path.open("rb") as file:
-            return _image(path, ELFFile(file))
-    except OSError as error:
-        raise LocalError(f"{path}: {error.strerror}") from error
-    except ELFError as error:
-        raise LocalError(f"{path} is no ELF file ({error}): give the .elf, not the .bin") from error
+    with opened(path) as elf:
+        return _image(path, elf)
 
 
 def _image(path: Path, elf: Any) -> Image:
     machine = elf["e_machine"]
     if machine not in MACHINES or elf.elfclass != 32:
         raise LocalError(f"{path} is for {machine}: images that can be run are those of {', '.join(MCUS)}")
-    table = elf.get_section_by_name(".symtab")
+    table = next(elf.iter_sections("SHT_SYMTAB"), None)
     if table is None:
         raise LocalError(f"{path} has no symbols: build it without -s, and do not strip it")
     thumb = machine == "EM_ARM"
@@ -116,11 +105,7 @@ def _image(path: Path, elf: Any) -> Image:
     missing = [name for name in SYMBOLS.values() if name not in symbols]
     if missing:
         raise LocalError(f"{path} has no symbol {', '.join(missing)}: it was not built for this board")
-    segments = [
-        (segment["p_paddr"], bool(segment["p_flags"] & 1), segment.data())
-        for segment in elf.iter_segments()
-        if segment["p_type"] == "PT_LOAD" and segment["p_filesz"]
-    ]
+    segments = [(segment["p_paddr"], bool(segment["p_flags"] & 1), segment.data()) for segment in loads(elf)]
     buffers = [ffi.from_buffer("uint8_t[]", data) for _, _, data in segments]
     array = ffi.new(
         "image_segment_t[]",

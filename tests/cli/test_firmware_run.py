@@ -13,6 +13,7 @@ from host.firmware.build import build
 from host.firmware.toolchains import MissingError
 from host.link.session import Session
 from host.protocol.dissect import split
+from host.protocol.errors import LocalError
 
 pytest.importorskip("unicorn", reason="Unicorn is not installed")
 pytest.importorskip("elftools", reason="pyelftools is not installed")
@@ -95,9 +96,27 @@ def test_a_pseudo_terminal(tmp_path: Path) -> None:
     assert "bytes of stack used" in said
 
 
+def test_damaged_images_are_refused_and_never_a_crash(tmp_path: Path) -> None:
+    """Loaded alone: what a damaged instruction does is the emulator's to say."""
+    from sim import images
+
+    damaged = tmp_path / "damaged.elf"
+    whole = Path(image("stm32")).read_bytes()
+    table = int.from_bytes(whole[32:36], "little")
+    said = []
+    for at in range(table, len(whole), 4):  # each number of the section headers
+        damaged.write_bytes(whole[:at] + bytes([whole[at] ^ 0x0F]) + whole[at + 1 :])
+        try:
+            images.load(damaged)
+        except LocalError as error:
+            said.append(str(error))
+    assert len(said) > 5
+    assert all(each.startswith(f"{damaged}") for each in said)
+
+
 WRONG = [
     (["/nonexistent.elf"], "/nonexistent.elf: No such file"),
-    (["BIN"], "is no ELF file"),
+    (["BIN"], "not an ELF file"),
     ([sys.executable], "images that can be run are those of stm32, gap8"),
     (["GAP8", "--pty"], "the GAP8's UART only receives"),
     (["GAP8", "--wire", "uart1"], "the gap8 sends nothing there, but on spi"),
