@@ -26,6 +26,7 @@ COHERENT = 0.8
 REGULAR, WITHIN = 0.8, 0.3
 """A type is regular when so many of its intervals lie so near to the median."""
 HOLE_INTERVALS = 2.5
+"""A gap so many times the median is a hole."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,13 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .curves import Floats
+from .examine import HOLE_INTERVALS
 from .runs import Places, Run
 from .track import Track
 
 Method = Literal["linear", "cubic"]
-
-HOLE_INTERVALS = 2.5
-"""A gap so many times the median is a hole, as in examine."""
 
 
 class Refusal(IntEnum):
