@@ -10,11 +10,10 @@ from logs import real
 from scipy.interpolate import BarycentricInterpolator, CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from host.protocol.errors import LocalError
 from host.usd import runs
 from host.usd.decode import decode
 from host.usd.interpolate import Refusal, interpolate
-from host.usd.track import Track, decompressed, read_track
+from host.usd.track import Track, read_track
 
 Truth = Callable[[Any], Any]
 
@@ -233,40 +232,6 @@ def test_hardly_any_rows(rows: int) -> None:
     found = interpolate(made, np.array([0.0, 500]))
     assert found.refusal.all() if rows < 3 else not found.refusal.any()
     assert not len(interpolate(made, np.zeros(0)).refusal)
-
-
-def compressed(quaternion: Any) -> int:
-    """As quatcompress.h does it."""
-    largest = int(np.argmax(np.abs(quaternion)))
-    packed = largest
-    for place in range(4):
-        if place != largest:
-            negative = (quaternion[place] < 0) != (quaternion[largest] < 0)
-            packed = packed << 10 | int(negative) << 9 | int(511 * (abs(quaternion[place]) / np.sqrt(0.5)) + 0.5)
-    return packed
-
-
-def test_compressed_quaternions() -> None:
-    turns = Rotation.random(500, random_state=4)
-    packed = np.array([compressed(each) for each in turns.as_quat()], np.uint32)
-    assert (Rotation.from_quat(decompressed(packed)).inv() * turns).magnitude().max() < 0.005
-    assert decompressed(np.array([3 << 30], np.uint32)).tolist() == [[0, 0, 0, 1]]
-
-
-def test_sources_of_real_logs() -> None:
-    flight = decode(real("flights/eckart12"))
-    assert read_track(flight).name == "fixedFrequency:stateEstimate"
-    assert {read_track(flight, name).name for name in ("estPose", "locSrv", "estPose:locSrv")} == {"estPose:locSrv"}
-    with pytest.raises(LocalError, match="gyro: no position or attitude; there are fixedFrequency:stateEstimate"):
-        read_track(flight, "gyro")
-    with pytest.raises(LocalError, match="fixedFrequency: several"):
-        read_track(decode(real("flights/hole-1.5s")), "fixedFrequency")
-    with pytest.raises(LocalError, match="no position or attitude in it"):
-        read_track(decode(real("events/kalman03")))
-    older = read_track(decode(real("swap-2/cf50_02")))
-    assert older.name == "fixedFrequency:stateEstimateZ"
-    assert np.abs(older.position_m).max() < 5
-    assert older.attitude is not None
 
 
 def test_rows_that_repeat_an_estimate_do_not_pass_for_new_ones() -> None:
