@@ -124,7 +124,7 @@ def main() -> None:
     for what, both, bar in said:
         emulated, native = both["emulated"], both["native"]
         print(
-            f"{what}: {emulated['times_real']:.0f} times real time (bar: {bar}), CPU {emulated['cpu_s']:.2f} s of "
+            f"{what}: {emulated['times_real']:.3g} times real time (bar: {bar}), CPU {emulated['cpu_s']:.2f} s of "
             f"{emulated['wall_s']:.2f} s; native {native['times_real']:.0f} times; traces equal"
         )
     print(

@@ -87,7 +87,8 @@ def load(path: str | Path) -> Image:
 def _image(path: Path, elf: Any) -> Image:
     machine = elf["e_machine"]
     if machine not in MACHINES or elf.elfclass != 32:
-        raise LocalError(f"{path} is for {machine}: images that can be run are those of {', '.join(MCUS)}")
+        named = "the esp32" if machine == "EM_XTENSA" else machine
+        raise LocalError(f"{path} is for {named}: images that can be run are those of {', '.join(MCUS)}")
     table = next(elf.iter_sections("SHT_SYMTAB"), None)
     if table is None:
         raise LocalError(f"{path} has no symbols: build it without -s, and do not strip it")

@@ -43,12 +43,17 @@ def new_file(path: str | Path, force: bool) -> Iterator[IO[bytes]]:
     try:
         if target.exists() and not force:
             raise LocalError(f"{target}: exists, and is not overwritten without --force")
-        with part.open("w+b" if force else "x+b") as file:
-            yield file
-        part.replace(target)
+        file = part.open("w+b" if force else "x+b")
     except FileExistsError as error:
         raise LocalError(f"{part}: exists, left by a command that was stopped: remove it, or use --force") from error
     except OSError as error:
+        raise LocalError(f"{target}: {os.strerror(error.errno or 0)}") from error
+    try:
+        with file:
+            yield file
+        part.replace(target)
+    except OSError as error:
+        part.unlink(missing_ok=True)
         raise LocalError(f"{target}: {os.strerror(error.errno or 0)}") from error
     except BaseException:
         part.unlink(missing_ok=True)

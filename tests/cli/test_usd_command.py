@@ -1,6 +1,7 @@
 """`host usd`: what people see, files that are written, and exit codes."""
 
 import csv
+import errno
 import json
 import sys
 from pathlib import Path
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 
 from host.cli import main
+from host.cli.usd_tables import new_file
+from host.protocol.errors import LocalError
 from host.usd.decode import decode
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "usd"))
@@ -165,3 +168,12 @@ def test_errors(
     err = capsys.readouterr().err
     assert says in err
     assert err.count("\n") == 1
+
+
+def test_a_disk_that_fills_up_leaves_nothing_behind(tmp_path: Path) -> None:
+    target = tmp_path / "out.csv"
+    for _ in range(2):  # so the next try is not told of what the first one left
+        with pytest.raises(LocalError, match="No space left"), new_file(target, force=False) as file:
+            file.write(b"half")
+            raise OSError(errno.ENOSPC, "no space")
+    assert not list(tmp_path.iterdir())
