@@ -171,9 +171,12 @@ def test_errors(
 
 
 def test_a_disk_that_fills_up_leaves_nothing_behind(tmp_path: Path) -> None:
-    target = tmp_path / "out.csv"
-    for _ in range(2):  # so the next try is not told of what the first one left
-        with pytest.raises(LocalError, match="No space left"), new_file(target, force=False) as file:
+    def write_half() -> None:
+        with new_file(tmp_path / "out.csv", force=False) as file:
             file.write(b"half")
             raise OSError(errno.ENOSPC, "no space")
+
+    for _ in range(2):  # so the next try is not told of what the first one left
+        with pytest.raises(LocalError, match="No space left"):
+            write_half()
     assert not list(tmp_path.iterdir())
