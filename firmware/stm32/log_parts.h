@@ -1,5 +1,5 @@
-/// What the logger's two halves share, private to them: log.c has the rows and the times, log_card.c the
-/// requests and what their answers mean.
+/// What the logger's parts share, private to them: log.c has the rows and the times, log_request.c what is
+/// asked of the card next, log_answer.c what its answers mean.
 #ifndef SPINDECK_STM32_LOG_PARTS_H
 #define SPINDECK_STM32_LOG_PARTS_H
 
