@@ -6,18 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from card_flights import (
-    Flight,
-    Found,
-    Image,
-    Rate,
-    flies_again,
-    fsck,
-    judge,
-    model_flight,
-    robot_flight,
-    same_as_others,
-)
+from card_flights import Flight, model_flight, robot_flight
+from card_judge import Found, Image, flies_again, fsck, judge, same_as_others
+from card_model import Rate
 
 from sim.card_cuts import Cuts
 

@@ -17,7 +17,7 @@ import pytest
 pytest.importorskip("fatfs", reason="fatfs-ng is not installed: pip install 'spindeck[card]'")
 
 from card_campaign import LOGGERS, every_write, flight_of, random_writes, run, some_writes
-from card_flights import Image, judge
+from card_judge import Image, judge
 
 from sim.card_cuts import Cuts
 
