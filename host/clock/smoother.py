@@ -57,8 +57,9 @@ class Smoothed:
     """Messages that are not impossibly early."""
 
 
-def smooth(time_s: Floats, offset_us: Floats, tick_us: float) -> Smoothed:
-    """`offset_us`: arrival less sending of each message, `time_s` not decreasing. At least BLOCK_PAIRS of them."""
+def smooth(time_s: Floats, offset_us: Floats, tick_us: float, block_s_max: float = math.inf) -> Smoothed:
+    """`offset_us`: arrival less sending of each message, `time_s` not decreasing. At least BLOCK_PAIRS of them.
+    `block_s_max`: longer blocks are not tried, however steady the clock seems; the shortest always are."""
     kept = np.arange(len(time_s))
     curve = seed(time_s, offset_us)
     delay_us = offset_us - curve.at(time_s)
@@ -86,7 +87,7 @@ def smooth(time_s: Floats, offset_us: Floats, tick_us: float) -> Smoothed:
     bias = np.zeros(len(grid))
     for level in range(LEVELS_MAX):
         length_s = block_s * 2**level
-        if level and (length_s * 6 > time_s[-1] - time_s[0] or not valid.any()):
+        if level and (length_s > min((time_s[-1] - time_s[0]) / 6, block_s_max) or not valid.any()):
             break
         delay_us = offset_us - chosen.at(time_s)
         blocks = block_minima(time_s, delay_us, length_s, phase)
