@@ -19,7 +19,7 @@ from host.protocol.errors import LocalError
 
 from . import card_fatfs as fatfs
 from .card_format import SECTOR, formatted
-from .card_sectors import Recording, Sectors
+from .card_sectors import Recording, Request, Sectors
 
 CREATE, OPEN, READ, WRITE, SEEK, TRUNCATE, SYNC, CLOSE = range(1, 9)
 NO_FILE, EXISTS, FULL, DISK, NO_CARD = range(-1, -6, -1)
@@ -94,7 +94,8 @@ class Card:
             result, data = NO_CARD, b""
         answer = struct.pack("<Bi", operation, result) + data
         if self.sectors.recording is not None:
-            self.sectors.recording.requests.append((request, answer, len(self.sectors.recording.writes)))
+            recording = self.sectors.recording
+            recording.requests.append(Request(request, answer, len(recording.writes), true_ns + duration_ns))
         return answer, duration_ns
 
     def cut(self, true_ns: int) -> None:

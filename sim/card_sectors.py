@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from .card_format import SECTOR
 
@@ -21,6 +21,17 @@ class Command:
     """Sectors; one: CMD17 or CMD24, more: CMD18 or CMD25."""
 
 
+class Request(NamedTuple):
+    """One of the storage port, answered."""
+
+    request: bytes
+    answer: bytes
+    writes: int
+    """How many there were then."""
+    end_ns: int
+    """True time of the answer."""
+
+
 @dataclass
 class Recording:
     """Everything that has been written to a card since a moment, to be played again onto a copy."""
@@ -30,8 +41,7 @@ class Recording:
     writes: list[tuple[int, bytes]] = field(default_factory=list)
     barriers: list[int] = field(default_factory=list)
     """How many writes there were each time FatFs waited until everything was on the card."""
-    requests: list[tuple[bytes, bytes, int]] = field(default_factory=list)
-    """Request, answer, and how many writes there were when it was answered."""
+    requests: list[Request] = field(default_factory=list)
 
 
 class Sectors:

@@ -1,13 +1,21 @@
 """Recorded flights whose logs are on a virtual card, on which an older log lay."""
 
 import struct
+import sys
+from bisect import bisect_left
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "usd"))
+
+import existing_reader
 import numpy as np
 from card_model import CHUNK, Model, Rate, Rows
 
+from host.usd.config import names_of_firmware
 from sim.card import CLOSE, CREATE, SEEK, SYNC, TRUNCATE, WRITE, Card
-from sim.card_sectors import Recording
+from sim.card_sectors import Recording, Request
 from sim.world import World
 
 
@@ -26,11 +34,11 @@ class File:
         return max((size for written, size in self.promises if written <= count), default=0)
 
 
-def files_of(requests: list[tuple[bytes, bytes, int]]) -> dict[str, File]:
+def files_of(requests: list[Request]) -> dict[str, File]:
     """Only what was answered well."""
     files: dict[str, File] = {}
     file = File()
-    for request, answer, count in requests:
+    for request, answer, count, _ in requests:
         operation, argument = request[0], request[1:]
         (result,) = struct.unpack("<i", answer[1:5])
         if result < 0:
@@ -58,14 +66,19 @@ class Flight:
     recording: Recording
     files: dict[str, File]
     given: dict[str, np.ndarray]
-    """Rows by type; empty: nobody knows but the logger."""
+    """Rows by type, as they were given to the card: another reader than ours has read them, or they were made up."""
+
+    def end_us(self, count: int) -> float:
+        """When the request was answered whose writes so many are: the power goes before the next one at the latest."""
+        requests = self.recording.requests
+        return requests[bisect_left(requests, count, key=lambda each: each.writes)].end_ns / 1000
 
 
-def model_flight(size_mb: int, seconds: float, seed: int, rate: Rate) -> Flight:
+def model_flight(size_mb: int, seconds: float, seed: int, rate: Rate, stalls: dict[str, float]) -> Flight:
     """The older log has the same types of rows at the same times: only its session tells them apart."""
     older = Card(size_mb, seed=seed + 1000)
     Model(older, Rows.make(rate, seconds, seed + 1000), session=0x01DE0000 + seed)
-    card = Card(size_mb, seed=seed)
+    card = Card(size_mb, seed=seed, **stalls)
     data = older.get("log00")
     card.leave(data * max(1, 2 * CHUNK // len(data)))
     recording = card.record()
@@ -91,25 +104,57 @@ stateEstimate.qz
 stateEstimate.qw
 on:estPose
 """
+FLOATS = [name for name, letter in names_of_firmware().variables.items() if letter == "f"][:20]
+FAST_CONFIG = """\
+1
+65535
+log
+1
+on:fixedFrequency
+1000
+1
+{}
+on:estGyroscope
+gyro.x
+gyro.y
+gyro.z
+""".format("\n".join(FLOATS))
 SHUT_DOWN = bytes.fromhex("ff 03 59 01 30 94")
 
 
-def robot_flight(size_mb: int, seconds: float, seed: int) -> Flight:
+def robot_flight(size_mb: int, seconds: float, seed: int, config: str, stalls: dict[str, float]) -> Flight:
     """The STM32's logger in the simulated world; the older log is one of its own."""
-    older, card = Card(size_mb, seed=seed + 1000), Card(size_mb, seed=seed)
+    older, card = Card(size_mb, seed=seed + 1000), Card(size_mb, seed=seed, **stalls)
     for each in (older, card):
-        each.put("config.txt", CONFIG.encode())
+        each.put("config.txt", config.encode())
     flown(older, seconds, seed + 1000)
     data = older.get("log00")
     card.leave(data * max(1, 2 * CHUNK // len(data)))
     recording = card.record()
     flown(card, seconds, seed)
-    return Flight(card, recording, files_of(recording.requests), {})
+    files = files_of(recording.requests)
+    return Flight(card, recording, files, rows_of(bytes(files["log00"].content)))
+
+
+def rows_of(data: bytes) -> dict[str, np.ndarray]:
+    """Of a whole log whose values are floats, by the model of the reader that others have."""
+    decoded: dict[str, Any] = existing_reader.decode(data) or {}
+    rows = {}
+    for event, columns in decoded.items():
+        if event == "log.status":
+            continue
+        stamps = columns.pop("timestamp")
+        table = np.empty(len(stamps), [("stamp_stm32_us", "<u8"), *((name, "<f4") for name in columns)])
+        table["stamp_stm32_us"] = np.round(stamps * 1000)
+        for name, values in columns.items():
+            table[name] = values
+        rows[event] = table
+    return rows
 
 
 def flown(card: Card, seconds: float, seed: int) -> None:
     """Until its logger has closed the file."""
-    world = World("hover", seed=seed, camera_fps=0)
+    world = World("hover", seed=seed, camera_fps=0, stm32_ppm=0, stm32_walk_ppb=0)
     world.robots[0].set_storage(card)
     world.run(seconds)
     world.robots[0].inject("uart2_to_stm32", SHUT_DOWN)

@@ -84,6 +84,8 @@ class Found:
     verified: int
     returned: int
     """Bytes of rows that were recovered."""
+    newest_us: int
+    """Stamp of the last verified row; 0: there is none."""
 
 
 def judge(image: Image, flight: Flight, count: int) -> Found:
@@ -91,6 +93,7 @@ def judge(image: Image, flight: Flight, count: int) -> Found:
     called verified."""
     card = CardImage(image.map)
     totals = np.zeros(3, int)
+    newest_us = 0
     paths = {each.path for each in card.files}
     for name, file in flight.files.items():
         promised = file.promised(count)
@@ -115,7 +118,8 @@ def judge(image: Image, flight: Flight, count: int) -> Found:
             if kind in log.rows:
                 mine = log.rows[kind].data[log.rows[kind].is_verified]
                 assert (mine == rows[: len(mine)]).all(), f"{name}: {kind}: verified rows that were never given"
-    return Found(*totals.tolist())
+                newest_us = max(newest_us, int(mine["stamp_stm32_us"].max(initial=0)))
+    return Found(*totals.tolist(), newest_us)
 
 
 def same_as_others(image: Image) -> None:

@@ -16,14 +16,12 @@ import pytest
 
 pytest.importorskip("fatfs", reason="fatfs-ng is not installed: pip install 'spindeck[card]'")
 
-from card_campaign import LOGGERS, every_write, flight_of, random_writes, run, some_writes
+from card_campaign import LONG, SHORT, every_write, flight_of, random_writes, run, some_writes
 from card_judge import Image, judge
 
 from sim.card_cuts import Cuts
 
 ALL = os.environ.get("SPINDECK_CUTS") == "all"
-SHORT = [f"{logger}-{size_mb}-20-1" for logger in LOGGERS for size_mb in (128, 4096)]
-LONG = [f"{logger}-{size_mb}-600-1" for logger in LOGGERS for size_mb in (1024, 8192)]
 SAMPLE = 10
 LONG_CUTS = 2000
 
@@ -38,7 +36,7 @@ def test_a_log_of_20_s(name, damaged, tmp_path):
 
 
 @pytest.mark.skipif(not ALL, reason="half an hour: SPINDECK_CUTS=all")
-@pytest.mark.parametrize("name", LONG)
+@pytest.mark.parametrize("name", [each.format(600) for each in LONG])
 def test_logs_of_10_minutes(name, tmp_path):
     result = run(name, random_writes(name, -(-LONG_CUTS // len(LONG))), True, tmp_path, others=50)
     assert not result.failures, "\n".join(result.failures)
