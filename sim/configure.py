@@ -142,6 +142,11 @@ def log_seed(seed: int, index: int) -> int:
     return zlib.crc32(b"%d robot %d" % (seed, index))
 
 
+def card_seed(seed: int, index: int) -> int:
+    """Of what happens to a robot's card."""
+    return zlib.crc32(b"%d card %d" % (seed, index))
+
+
 def robot_config(robot: RobotSettings, seed: int = 0, index: int = 0) -> Any:
     """robot_config_t, of the robot of that number in a world of that seed."""
     check_body(robot.camera)
@@ -159,7 +164,8 @@ def robot_config(robot: RobotSettings, seed: int = 0, index: int = 0) -> Any:
             "wifi_mode": 0 if on_uart2 or nanocockpit else ACCESS_POINT,
             "wifi_ssid": WIFI_NAME,
             "crtp_period_us": round(1e6 / robot.crtp.hz) if robot.crtp.hz else 0,
-            "log": {"seed": log_seed(seed, index)},
+            "mocap_period_us": round(1e6 / robot.usd.mocap_hz) if robot.usd.mocap_hz else 0,
+            "log": {"sync_us": round(robot.usd.sync_ms * 1e3), "seed": log_seed(seed, index)},
         },
         "gap8": {
             "width": camera.width if camera.fps else 0,

@@ -5,10 +5,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from host.native import ffi, lib
+from host.protocol.codec import encode_cpx_uart
 from host.protocol.errors import LocalError
+from host.protocol.packets import CpxPacket, Route
 
 from . import configure, emulated, scenario
 from .images import Image
@@ -16,6 +19,7 @@ from .settings import RobotSettings, Scalar, Wire
 from .storage import Storage, Store
 
 if TYPE_CHECKING:
+    from .card import Card
     from .world import World
 
 NS = 1_000_000_000
@@ -52,6 +56,8 @@ LOG_COUNTERS = {
 }
 WIRE_COUNTERS = ["bytes", "units", "lost", "duplicated", "reordered", "dropped", "flipped", "stalls", "overflowed"]
 FAULTS = {field.name for field in dataclasses.fields(Wire)} | {"duplicate", "reorder"}
+SHUTDOWN = encode_cpx_uart(CpxPacket(Route(lib.CPX_STM32, lib.CPX_HOST, lib.CPX_SYSTEM), bytes([lib.SYSTEM_SHUTDOWN])))
+LANDING_NS = 3 * NS
 DURATION_S_MAX = 3600
 INJECT_BYTES_MAX = 65536
 
@@ -67,6 +73,9 @@ class Robot:
         """Of the MCUs that are emulated, by name."""
         self._wires: dict[int, Wire] = {}
         """Those that set_faults has changed."""
+        self.card: Card | None = None
+        """Of `usd_config`."""
+        self._image: Path | None = None
 
     # The host's end of the wire.
 
@@ -112,6 +121,30 @@ class Robot:
             return count
 
     # Its card.
+
+    def put_card(self, seed: int, robots: int) -> None:
+        """As `settings.usd` describes it."""
+        from . import cards  # Not everybody has fatfs-ng.
+
+        self._image = cards.image_path(self.settings.usd, self.index, robots)
+        self.card = cards.card_of(self.settings.usd, seed)
+        self.set_storage(self.card)
+
+    def shut_down(self) -> None:
+        """Tells the STM32 that its power goes soon: it closes its log, which takes a while."""
+        self.inject("uart2_to_stm32", SHUTDOWN)
+
+    def land(self) -> None:
+        """Closes the log and writes the image of the card, if it is to be kept. Once."""
+        path, self._image = self._image, None
+        if path is None or self.card is None:
+            return
+        self.shut_down()
+        end_ns = self.world.now_ns + LANDING_NS
+        while self.log["status"] in ("starts", "on", "closes") and self.world.now_ns < end_ns:
+            self.world.run_until(self.world.now_ns + NS // 100)
+        self.card.cut(self.world.now_ns)
+        self.card.save(str(path))
 
     def set_storage(self, store: Store) -> None:
         """The STM32 has this for a card, from now on; best before it boots, as that is when it looks for one."""

@@ -15,14 +15,16 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 from host.protocol.errors import LocalError
 from host.protocol.typed import integer, real
 
-from .settings import IMPOSSIBLE, SETTINGS, TABLES, General, RobotSettings, Scalar, Setting, plain
+from .settings import CONFIGS, IMPOSSIBLE, SETTINGS, TABLES, General, RobotSettings, Scalar, Setting, Usd, plain
 
 # The module object, not its name: another project's `sim` may be the one of that name when a scenario is read.
 _PACKAGE = sys.modules[__package__]
 
 Value = Scalar | list[Scalar]
 TYPED: dict[type, Callable[[str], Scalar]] = {int: integer, float: real, str: str}
+PATHS = {"camera_path", "usd_config", "usd_image"}
 FRAME_PERIOD_S_MAX = 10
+MOCAP_PERIOD_S_MAX = 1000
 CRTP_PERIOD_S_MAX = 1000
 """In the STM32's configuration it has 32 bits of microseconds."""
 
@@ -82,8 +84,8 @@ def load(name: str = "hover", **overrides: object) -> Scenario:
             )
         source = resources.files(_PACKAGE).joinpath("scenarios", f"{name}.toml").read_text(encoding="utf-8")
     values = parse_toml(source, name)
-    if name.endswith(".toml") and "camera_path" in values:
-        values["camera_path"] = _beside(Path(name), values["camera_path"])
+    for key in PATHS & values.keys() if name.endswith(".toml") else ():
+        values[key] = _beside(Path(name), values[key])
     # Together: what is impossible in the file alone may be possible with what is set anew.
     values |= {find(key).name: checked(find(key), value) for key, value in overrides.items()}
     return Scenario.of(name, values)
@@ -92,8 +94,8 @@ def load(name: str = "hover", **overrides: object) -> Scenario:
 def _beside(scenario: Path, value: Value) -> Value:
     """Paths in a scenario file start at its folder."""
     if isinstance(value, list):
-        return [str(scenario.parent / str(each)) for each in value]
-    return str(scenario.parent / str(value))
+        return [str(_beside(scenario, each)) for each in value]
+    return value if value == "" or value in CONFIGS else str(scenario.parent / str(value))
 
 
 def parse_toml(source: str, name: str) -> dict[str, Value]:
@@ -227,6 +229,7 @@ def check_robot(robot: RobotSettings) -> None:
         raise LocalError("wire=uart1 with firmware=stock: stock firmware sends no stamps, so nothing would ever come")
     if 0 < robot.crtp.hz < 1 / CRTP_PERIOD_S_MAX:
         raise LocalError(f"crtp_hz={plain(robot.crtp.hz)}: allowed is 0, or {plain(1 / CRTP_PERIOD_S_MAX)} and more")
+    check_card(robot.usd)
     camera = robot.camera
     if robot.firmware == "nanocockpit" and robot.wire == "uart2":
         raise LocalError("wire=uart2 with firmware=nanocockpit: its ESP32 does not listen to UART2")
@@ -245,6 +248,22 @@ def check_robot(robot: RobotSettings) -> None:
             f"camera_fps={plain(camera.fps)}: allowed is 0 .. {1 / capture_s:.2f}, as {camera.height} rows and "
             f"{camera.exposure_lines} lines of exposure take {capture_s * 1e3:.1f} ms"
         )
+
+
+def check_card(usd: Usd) -> None:
+    if 0 < usd.mocap_hz < 1 / MOCAP_PERIOD_S_MAX:
+        raise LocalError(
+            f"usd_mocap_hz={plain(usd.mocap_hz)}: allowed is 0, or {plain(1 / MOCAP_PERIOD_S_MAX)} and more"
+        )
+    if usd.image and not usd.config:
+        raise LocalError(f"usd_image={usd.image}: there is no card without usd_config")
+    if usd.stall_ms and not usd.stall_ms <= usd.stall_p99_ms <= usd.stall_max_ms:
+        raise LocalError(
+            f"usd_stall_ms={plain(usd.stall_ms)}, usd_stall_p99_ms={plain(usd.stall_p99_ms)}, "
+            f"usd_stall_max_ms={plain(usd.stall_max_ms)}: each must be at least the one before"
+        )
+    if usd.free_mb > usd.size_mb:
+        raise LocalError(f"usd_free_mb={usd.free_mb}: the card has usd_size_mb={usd.size_mb}")
 
 
 def markdown() -> str:

@@ -145,6 +145,35 @@ class Nanocockpit:
     check: Literal["no", "yes"] = choice("no", "buffers go with a CRC-32; as released they do not")
 
 
+CONFIGS = {
+    "state": "250 Hz of the state estimate, and poses of motion capture",
+    "full": "1 kHz of 20 values, and poses",
+}
+"""The built-in texts of config.txt (sim/cards.py)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Usd:
+    """The card on which the STM32 logs. A stall is in each operation that writes."""
+
+    config: str = text(
+        "config.txt on it: a path, or " + ", ".join(f"`{name}` ({what})" for name, what in CONFIGS.items())
+        + "; empty: no card"
+    )  # fmt: skip
+    sync_ms: float = number(250, 10, 60_000, "ms", "what is logged is safe from a power cut after so long")
+    mocap_hz: float = number(100, 0, 1000, "1/s", "poses that motion capture sends to the robot; 0: none")
+    size_mb: int = number(8192, 16, 32_768, "MB", "its size")
+    free_mb: int = number(0, 0, 32_768, "MB", "room for logs; 0: all of it")
+    stall_ms: float = number(2, 0, 1000, "ms", "median of the stalls, which are log-normal; 0: no stalls")
+    stall_p99_ms: float = number(100, 0, 10_000, "ms", "1 % of the stalls are longer")
+    stall_max_ms: float = number(500, 0, 60_000, "ms", "none is longer")
+    bad: float = number(0, 0, 1, "", "share of its sectors that cannot be written")
+    remove_s: float = number(0, 0, 1_000_000, "s", "true time at which it is pulled out; 0: never")
+    image: str = text(
+        "file for the card's image at the end, which must not exist; of several robots: `card.0.img` for `card.img`"
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class RobotSettings:
     """One robot. Any of these may be a list in a scenario: one value per robot."""
@@ -177,6 +206,7 @@ class RobotSettings:
     pose: Pose = field(default_factory=Pose)
     paper: Paper = field(default_factory=Paper)
     nanocockpit: Nanocockpit = field(default_factory=Nanocockpit)
+    usd: Usd = field(default_factory=Usd)
 
 
 @dataclass(frozen=True, slots=True)

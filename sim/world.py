@@ -136,7 +136,10 @@ class World:
         for mcu, image in runs.items():
             emulated.emulate(self.kernel, index, mcu, image)
             self._images[index, mcu] = image
-        return Robot(self, index, settings, runs)
+        robot = Robot(self, index, settings, runs)
+        if settings.usd.config:
+            robot.put_card(configure.card_seed(self.scenario.seed, index), len(self.scenario.robots))
+        return robot
 
     def _load_pictures(self, settings: RobotSettings) -> tuple[camera.Pictures, list[Any]]:
         """With the arrays of views that the kernel copies; robots with the same pictures share them."""
@@ -328,18 +331,24 @@ class World:
         if not records or records[0].get("do") != "world":
             raise LocalError("a log begins with its world: give World.log as it was")
         world = cls(
-            scenario.Scenario.of(records[0]["scenario"], records[0]["values"]),
+            scenario.Scenario.of(records[0]["scenario"], {**records[0]["values"], "usd_image": ""}),
             trace=records[0]["trace"],
             images=records[0].get("images"),
         )
         repeat(world, records[1:])
         return world
 
+    def land(self) -> None:
+        """The flight is over: robots whose card's image is kept (usd_image) close their logs, and it is written."""
+        for robot in self.robots:
+            robot.land()
+
     def close(self) -> None:
-        """Frees the kernel; truth and log stay readable. May be called again."""
+        """Frees the kernel, after land(); truth and log stay readable. May be called again."""
         with self.lock:
             if self.closed:
                 return
+            self.land()
             self._keep_truth(now=True)
             self._closed_log = None if self._journal is None else self.log
             self._kernel.free()

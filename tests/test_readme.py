@@ -1,5 +1,6 @@
 """What the README shows works as shown."""
 
+import json
 import os
 import re
 import shlex
@@ -66,6 +67,8 @@ def test_commands(command: str, tmp_path: Path) -> None:
         pytest.importorskip("unicorn", reason="Unicorn is not installed")
         if not all(map(shutil.which, ("arm-none-eabi-gcc", "riscv64-unknown-elf-gcc"))):
             pytest.skip("no compilers for the STM32 and the GAP8")
+    if "usd_config=" in command:
+        pytest.importorskip("fatfs", reason="fatfs-ng is not installed: pip install 'spindeck[card]'")
     words = [
         word + ("&pace=max" if "?" in word else "?pace=max") if word.startswith("sim://") else word
         for word in shlex.split(command, comments=True)
@@ -73,6 +76,10 @@ def test_commands(command: str, tmp_path: Path) -> None:
     result = host(*words, "--count", "2", "--json", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert '"event":"summary"' in result.stdout
+    if "usd_config=" in command:
+        log = host("usd", "info", "card.img:/log00", "--json", cwd=tmp_path)
+        assert log.returncode == 0, log.stderr
+        assert json.loads(log.stdout)["whole"] is True
 
 
 @pytest.mark.parametrize("command", re.findall(r"^\.venv/bin/host (doctor .*sim://.*)$", README, re.MULTILINE))

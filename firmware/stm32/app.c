@@ -208,7 +208,9 @@ static size_t transmit_cpx(stm32_t *self, uint8_t *out, uint64_t now_us) {
             self->queue_fill--;
         }
     }
-    return cpx_uart_transmit(&self->uart2, out, now_us);
+    const size_t size = cpx_uart_transmit(&self->uart2, out, now_us);
+    self->uart2_busy = size > 0;
+    return size;
 }
 
 size_t stm32_transmit(stm32_t *self, stm32_port_t port, bytes_mut_t out, instant_t now) {
@@ -235,11 +237,11 @@ static uint64_t earlier(uint64_t a_us, uint64_t b_us) {
 uint64_t stm32_deadline(const stm32_t *self) {
     uint64_t deadline_us = earlier(self->wifi_next_us, self->crtp_next_us);
     deadline_us = earlier(deadline_us, stm32_rows_deadline(self));
-    // Inside a message the caller comes by itself when the last byte has left.
+    // The caller comes by itself when the byte that is on its way has left.
     if (self->stamp_sent == self->stamp_size) {
         deadline_us = earlier(deadline_us, self->stamp_next_us);
     }
-    if (self->uart2.tx_sent == 0 && self->uart2.credit_sent == 0) {
+    if (!self->uart2_busy) {
         const bool loads = self->queue_fill > 0 && self->uart2.tx_size == 0;
         deadline_us = earlier(deadline_us, loads ? 0 : cpx_uart_deadline(&self->uart2));
     }

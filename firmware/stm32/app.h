@@ -4,7 +4,8 @@
 /// The four verbs (docs/DESIGN.md, "One firmware, four verbs"): the board, or the simulator's kernel, moves
 /// bytes between wires and these functions, and nobody else does. After every call of stm32_receive, at the
 /// end of every transmission, and when stm32_deadline has come, it calls stm32_transmit on each idle port, in
-/// the order of their numbers.
+/// the order of their numbers. The storage counts as idle always: while a request is under way the app has no
+/// other, but rows of its log are due even when all lines are busy.
 #ifndef SPINDECK_STM32_APP_H
 #define SPINDECK_STM32_APP_H
 
@@ -65,6 +66,7 @@ typedef struct {
     uint64_t stamp_last_us; ///< stamp clock of the last message: going backwards starts a new epoch
     uint32_t stamp_sequence;
     uint8_t epoch;
+    bool uart2_busy; ///< a byte is on its way
     uint64_t wifi_next_us;
     uint64_t crtp_next_us;
     uint32_t crtp_sequence;
@@ -79,6 +81,7 @@ typedef struct {
     uint32_t packets_unknown; ///< a function or destination that is not ours
     uint32_t crtp_ignored;    ///< CRTP from the host: there is no flight controller behind it
     uint32_t answers_unknown; ///< of the storage, to nothing that was asked
+    uint32_t sampled_file;    ///< of log.files, for which the next two hold
     uint64_t imu_next_us;
     uint64_t mocap_next_us;
     attitude_t attitude;

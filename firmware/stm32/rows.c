@@ -63,7 +63,21 @@ void stm32_heard_position(stm32_t *self, const pose_t *pose, uint16_t event, ins
     log_row(self, event, now);
 }
 
+/// Samples that came before there was a log are gone.
+static void skip_past(stm32_t *self, uint64_t now_us) {
+    if (now_us > self->imu_next_us) {
+        self->imu_next_us = next_on_grid(self->imu_next_us, IMU_PERIOD_US, now_us - 1);
+    }
+    if (now_us > self->mocap_next_us) {
+        self->mocap_next_us = next_on_grid(self->mocap_next_us, self->config.mocap_period_us, now_us - 1);
+    }
+    self->sampled_file = self->log.files;
+}
+
 void stm32_log_rows(stm32_t *self, instant_t now) {
+    if (self->sampled_file != self->log.files) {
+        skip_past(self, now.up_us);
+    }
     if (stm32_log_due(&self->log, now.up_us)) {
         log_row(self, USD_CONFIG_FIXED, now);
     }

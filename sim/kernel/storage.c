@@ -9,9 +9,6 @@ static void answer_no_card(storage_t *storage) {
 void storage_poll(kernel_t *k, robot_t *r) {
     storage_t *storage = &r->storage;
     uint8_t request[STORAGE_REQUEST_MAX];
-    if (storage->busy) {
-        return;
-    }
     const size_t size =
         node_transmit(k, r, MCU_STM32, STM32_PORT_STORAGE, (bytes_mut_t){request, sizeof request});
     if (size == 0) {

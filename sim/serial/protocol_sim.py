@@ -123,6 +123,8 @@ class Serial(SerialBase):  # type: ignore[misc]
         with shared.changed:
             if not shared.world.closed:
                 shared.world.robots[self.robot].disconnect()
+                if not shared.ports:
+                    shared.world.land()
             shared.changed.notify_all()
 
     def clock_ns(self) -> int:

@@ -113,6 +113,8 @@ class Server:
         for station in self.stations:
             if station.client is not None:
                 station.client.close()
+        if not self.world.closed:
+            self.world.land()
 
     def _wait(self) -> None:
         """Until something can be done: a step of time, something from a client, room for something to a client."""

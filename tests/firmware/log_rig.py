@@ -36,10 +36,9 @@ class Rig:
         now, ask = (self.now_us, self.now_us), lib.stm32_transmit
         while ask(self.app.state, lib.STM32_PORT_UART2, (self._byte, 1), now):
             pass
-        if self._answer is not None:
-            return
         size = ask(self.app.state, lib.STM32_PORT_STORAGE, (self._request, lib.STORAGE_REQUEST_MAX), now)
         if size:
+            assert self._answer is None, "one request at a time"
             answer = self.card.answer(bytes(ffi.buffer(self._request, size)))
             self._answer = (self.now_us + self.operation_us(), answer)
 
@@ -93,9 +92,9 @@ def logs(rig: Rig) -> list[Log]:
     return [decode(data) for _, data in log_files(rig)]
 
 
-def grid(first_us: int, last_us: int) -> int:
-    """Rows that are due at 1 kHz, both ends included."""
-    return (last_us - int(first_us)) // 1000 + 1
+def grid(first_us: int, last_us: int, period_us: int = 1000) -> int:
+    """Rows that are due, both ends included."""
+    return (last_us - int(first_us)) // period_us + 1
 
 
 def last_status(log: Log) -> dict[str, int]:

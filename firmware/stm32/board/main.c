@@ -8,7 +8,7 @@ volatile int board_init_result;
 volatile uint64_t board_stamp_reset;
 
 static struct {
-    bool busy[STM32_PORT_COUNT]; ///< a byte is on the line, a request under way
+    bool busy[UARTS]; ///< a byte is on the line
     volatile bool wake;
     instant_t now; ///< of the last interrupt
 } board;
@@ -42,7 +42,6 @@ void tim3_handler(void) {
 }
 
 static void take_answer(bytes_t answer) {
-    board.busy[STM32_PORT_STORAGE] = false;
     board.wake = true;
     stm32_receive(&board_app, STM32_PORT_STORAGE, answer, board.now);
 }
@@ -60,14 +59,10 @@ void exti0_handler(void) {
 }
 
 static void service_storage(void) {
-    if (board.busy[STM32_PORT_STORAGE]) {
-        return;
-    }
     const size_t size = stm32_transmit(&board_app, STM32_PORT_STORAGE, storage_room(), board.now);
     if (size == 0) {
         return;
     }
-    board.busy[STM32_PORT_STORAGE] = true;
     const bytes_t answer = storage_begin(size);
     if (answer.size != 0) {
         take_answer(answer);
