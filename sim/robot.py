@@ -263,6 +263,13 @@ class Robot:
             lib.kernel_inject(self.world.kernel, self.index, each, data, len(data))
             self.world.did("inject", robot=self.index, wire=wire, hex=data.hex())
 
+    def radio(self, data: bytes) -> None:
+        """A CRTP packet that was broadcast comes in by the STM32's radio, now."""
+        with self.world.lock:
+            if lib.kernel_radio(self.world.kernel, self.index, data, len(data)) < 0:
+                raise LocalError(f"robot {self.index} runs an image, which has no radio: backend=native")
+            self.world.did("radio", robot=self.index, hex=data.hex())
+
     def set_rate(self, mcu: str, ppm: float) -> None:
         """The MCU's oscillator runs at this rate error from now on."""
         which = _mcu(mcu)
@@ -299,7 +306,7 @@ class Robot:
 
 DONE = {
     *["connect", "disconnect", "write", "set_faults", "set_camera_faults"],
-    *["stall", "inject", "set_rate", "reset_stamp_clock", "reboot"],
+    *["stall", "inject", "radio", "set_rate", "reset_stamp_clock", "reboot"],
 }
 """Methods that a log may name."""
 

@@ -163,6 +163,9 @@ int stm32_receive(stm32_t *self, stm32_port_t port, bytes_t in, instant_t now) {
     if (port == STM32_PORT_STORAGE) {
         self->answers_unknown += stm32_log_answer(&self->log, in, now) ? 0 : 1;
     }
+    if (port == STM32_PORT_RADIO) {
+        self->crtp_ignored += in.size > 0 && stm32_crtp(self, in, now) ? 0 : 1;
+    }
     for (size_t i = 0; port == STM32_PORT_UART2 && i < in.size; i++) {
         cpx_packet_t packet;
         if (cpx_uart_receive(&self->uart2, in.data[i], now.up_us, &packet)) {

@@ -9,6 +9,7 @@
 #ifndef SPINDECK_STM32_APP_H
 #define SPINDECK_STM32_APP_H
 
+#include "../core/beacon.h"
 #include "../core/cpx_uart.h"
 #include "../core/image.h"
 #include "../core/uart1.h"
@@ -19,7 +20,8 @@ typedef enum {
     STM32_PORT_UART1 = 0,   ///< to the GAP8, out only
     STM32_PORT_UART2 = 1,   ///< to and from the ESP32
     STM32_PORT_STORAGE = 2, ///< to and from the card (storage.h)
-    STM32_PORT_COUNT = 3,
+    STM32_PORT_RADIO = 3,   ///< in only: one CRTP packet that was broadcast
+    STM32_PORT_COUNT = 4,
 } stm32_port_t;
 
 enum {
@@ -79,13 +81,14 @@ typedef struct {
     uint32_t stamps_late;     ///< periods that passed without a message
     uint32_t packets_dropped; ///< the queue was full
     uint32_t packets_unknown; ///< a function or destination that is not ours
-    uint32_t crtp_ignored;    ///< CRTP from the host: there is no flight controller behind it
+    uint32_t crtp_ignored;    ///< CRTP from host or radio: there is no flight controller behind it
     uint32_t answers_unknown; ///< of the storage, to nothing that was asked
     uint32_t sampled_file;    ///< of log.files, for which the next two hold
     uint64_t imu_next_us;
     uint64_t mocap_next_us;
     attitude_t attitude;
     pose_t external; ///< the last pose that came from outside
+    beacon_t beacon; ///< the last that came
     usd_table_t table;
     stm32_log_t log;
     uint8_t log_ring[STM32_LOG_RING_BYTES];

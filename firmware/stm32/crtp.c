@@ -11,6 +11,7 @@ enum {
     LOCALIZATION_POSE = 8,
     POSITION_BYTES = 12,
     POSE_BYTES = 28,
+    APP_PORT = 13,
     NO_SUCH = 2, ///< errno.h of the Crazyflie: ENOENT
     UNFIT = 22,  ///< EINVAL
 };
@@ -39,6 +40,14 @@ static bool localize(stm32_t *self, uint8_t channel, bytes_t in, instant_t now) 
     }
     return channel == LOCALIZATION_GENERIC && in.size == 1 + POSE_BYTES && in.data[0] == LOCALIZATION_POSE &&
            take_pose(self, (bytes_t){in.data + 1, POSE_BYTES}, STM32_EST_POSE, now);
+}
+
+static bool hear_beacon(stm32_t *self, bytes_t in, instant_t now) {
+    if (beacon_decode(in, &self->beacon) < 0) {
+        return false;
+    }
+    stm32_log_event(self, STM32_BEACON, now);
+    return true;
 }
 
 /// u8 0, group, 0, name, 0, u8 type, value; the answer has an error in the type's place. There is one
@@ -80,6 +89,8 @@ bool stm32_crtp(stm32_t *self, bytes_t in, instant_t now) {
         return channel == PARAM_MISC && set_parameter(self, in);
     case LOCALIZATION_PORT:
         return localize(self, channel, (bytes_t){in.data + 1, in.size - 1}, now);
+    case APP_PORT:
+        return hear_beacon(self, in, now);
     default:
         return false;
     }

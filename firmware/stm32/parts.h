@@ -16,13 +16,15 @@ uint8_t stm32_message(stm32_t *self, instant_t now);
 // rows.c
 /// Makes the rows of the log that are due.
 void stm32_log_rows(stm32_t *self, instant_t now);
+/// A row of this event, if it is wanted.
+void stm32_log_event(stm32_t *self, uint16_t event, instant_t now);
 /// A position came from outside; the event is STM32_EST_POSE or STM32_EST_POSITION.
 void stm32_heard_position(stm32_t *self, const pose_t *pose, uint16_t event, instant_t now);
 uint64_t stm32_rows_deadline(const stm32_t *self);
 
 // crtp.c
-/// A CRTP packet from the host: a position, or usd.logging set. False: there is nothing behind this app for
-/// it.
+/// A CRTP packet from the host or the radio: a position, a beacon, or usd.logging set. False: there is
+/// nothing behind this app for it.
 bool stm32_crtp(stm32_t *self, bytes_t in, instant_t now);
 
 #endif

@@ -43,10 +43,13 @@ static stm32_values_t values_at(const stm32_t *self, uint64_t up_us) {
         .dropped = counters->dropped,
         .write_errors = counters->errors,
         .stall_us = counters->stall_us,
+        .beacon_sequence = self->beacon.sequence,
+        .beacon_us = (uint32_t)self->beacon.host_us,
+        .beacon_us_high = (uint16_t)(self->beacon.host_us >> 32),
     };
 }
 
-static void log_row(stm32_t *self, uint16_t event, instant_t now) {
+void stm32_log_event(stm32_t *self, uint16_t event, instant_t now) {
     if (stm32_log_wants(&self->log, event)) {
         const stm32_values_t values = values_at(self, now.up_us);
         stm32_log_row(&self->log, event, now, &values);
@@ -60,7 +63,7 @@ static bool logs_imu(const stm32_t *self) {
 
 void stm32_heard_position(stm32_t *self, const pose_t *pose, uint16_t event, instant_t now) {
     self->external = *pose;
-    log_row(self, event, now);
+    stm32_log_event(self, event, now);
 }
 
 /// Samples that came before there was a log are gone.
@@ -79,12 +82,12 @@ void stm32_log_rows(stm32_t *self, instant_t now) {
         skip_past(self, now.up_us);
     }
     if (stm32_log_due(&self->log, now.up_us)) {
-        log_row(self, USD_CONFIG_FIXED, now);
+        stm32_log_event(self, USD_CONFIG_FIXED, now);
     }
     if (logs_imu(self) && now.up_us >= self->imu_next_us) {
         self->imu_next_us = next_on_grid(self->imu_next_us, IMU_PERIOD_US, now.up_us);
-        log_row(self, STM32_EST_GYROSCOPE, now);
-        log_row(self, STM32_EST_ACCELERATION, now);
+        stm32_log_event(self, STM32_EST_GYROSCOPE, now);
+        stm32_log_event(self, STM32_EST_ACCELERATION, now);
     }
     if (now.up_us >= self->mocap_next_us) {
         self->mocap_next_us = next_on_grid(self->mocap_next_us, self->config.mocap_period_us, now.up_us);

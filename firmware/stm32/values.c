@@ -53,6 +53,11 @@ static const usd_event_t EVENTS[] = {
                             .payload = {VARIABLE("source", 'B', source)}},
     [STM32_EST_GYROSCOPE] = {.name = "estGyroscope"},
     [STM32_EST_ACCELERATION] = {.name = "estAcceleration"},
+    [STM32_BEACON] = {.name = "beacon",
+                      .payload_count = 3,
+                      .payload = {VARIABLE("sequence", 'I', beacon_sequence),
+                                  VARIABLE("hostUs", 'I', beacon_us),
+                                  VARIABLE("hostUsHigh", 'H', beacon_us_high)}},
 };
 
 usd_table_t stm32_table(void) {

@@ -11,6 +11,7 @@ enum {
     STM32_EST_POSITION = 1, ///< a position, likewise
     STM32_EST_GYROSCOPE = 2,
     STM32_EST_ACCELERATION = 3,
+    STM32_BEACON = 4, ///< a beacon came
 };
 
 /// Units are those of the Crazyflie's log.
@@ -33,6 +34,9 @@ typedef struct {
     uint32_t dropped;
     uint32_t write_errors;
     uint32_t stall_us;
+    uint32_t beacon_sequence; ///< of the last that came
+    uint32_t beacon_us;       ///< the host's clock in it, its low 32 bits ...
+    uint16_t beacon_us_high;  ///< ... and 16 more: 8.9 years
 } stm32_values_t;
 
 usd_table_t stm32_table(void);

@@ -20,8 +20,11 @@ examples:
   host sync stamps flight1.mcap --robot 1 --json
 """
 ROBOTS_EXAMPLES = """\
-The robots must have heard the same broadcasts of motion capture, and have logged what was in them: a variable that only
-changes with a broadcast, in all logs the same values. It is found by itself, or named by --variable (a group, as
+Logs with beacons (docs/PROTOCOL.md) are compared by these: each robot's clock is fitted against the host's too, and it
+is found whether it counts 84 where 85 have passed.
+
+Else the robots must have heard the same broadcasts of motion capture, and have logged what was in them: a variable that
+only changes with a broadcast, in all logs the same values. It is found by itself, or named by --variable (a group, as
 stateEstimate, or more names).
 
 Slopes are the second clock's seconds over the first one's, less 1, in ppm; offsets are second less first. For three

@@ -16,6 +16,8 @@ from ..protocol.errors import LocalError, PeerError
 from ..usd.examine import NEAR, NOMINAL_HZ, Period, best_fit
 from ..usd.log import Log, Rows
 from .as_json import line
+from .sync_beacons import compare as beacons
+from .sync_beacons import has_beacons
 from .usd import load
 
 FLOATS = "fd"
@@ -36,8 +38,10 @@ def run(arguments: argparse.Namespace) -> int:
     for name, log in zip(arguments.files, logs, strict=True):
         if not log.row_count:
             raise PeerError(f"{name}: no rows: see 'host usd check'")
-    kind, names = named(logs, arguments.files, arguments.variable) if arguments.variable else shared(logs)
     labels = labelled(arguments.files)
+    if not arguments.variable and all(has_beacons(log) for log in logs):
+        return beacons(labels, logs, arguments.json)
+    kind, names = named(logs, arguments.files, arguments.variable) if arguments.variable else shared(logs)
     heard = [hear(label, log.rows[kind], names) for label, log in zip(labels, logs, strict=True)]
     found = compare(heard)
     pairs = [each for each in found if isinstance(each, Pair)]
@@ -91,7 +95,7 @@ def shared(logs: Sequence[Log]) -> tuple[str, list[str]]:
     if not best[1]:
         raise PeerError(
             "no variable has the same values in all logs: did the robots hear the same broadcasts, in one run, and log"
-            " them (a pose of motion capture, or an object's that all are told)?"
+            " them (a pose of motion capture, or an object's that all are told)? Or did all of them log beacons?"
         )
     return best
 

@@ -7,12 +7,11 @@ is in all robots alike, so it is not in the offset of one robot against another.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .envelope import Floats
 from .smoother import BLOCK_PAIRS, Smoothed, smooth
@@ -58,7 +57,7 @@ class Beacons:
         return len(self.sequence)
 
 
-def collect(sequence: Sequence[int], host_us: Sequence[int], local_us: Sequence[int]) -> Beacons:
+def collect(sequence: ArrayLike, host_us: ArrayLike, local_us: ArrayLike) -> Beacons:
     """Of all that was noted between two resets of the robot's clock: the longest run in which the host's clock and
     the beacons' numbers only go on. What was repeated counts when it came first."""
     number, host, local = (np.asarray(each, np.int64) for each in (sequence, host_us, local_us))

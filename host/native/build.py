@@ -19,6 +19,7 @@ HEADERS = [
     "firmware/core/bytes.h",
     "firmware/core/checks.h",
     "firmware/core/cpx.h",
+    "firmware/core/beacon.h",
     "firmware/core/cpx_uart.h",
     "firmware/core/cpx_link.h",
     "firmware/core/stamp.h",

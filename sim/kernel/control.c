@@ -53,6 +53,16 @@ int kernel_inject(kernel_t *k, int robot, wire_t wire, const uint8_t *in, size_t
     return 0;
 }
 
+int kernel_radio(kernel_t *k, int robot, const uint8_t *in, size_t size) {
+    robot_t *r = robot_of(k, robot);
+    if (r == NULL || r->emulated[MCU_STM32].emulator != NULL) {
+        return KERNEL_ERR_CONFIG;
+    }
+    node_receive(k, r, MCU_STM32, STM32_PORT_RADIO, (bytes_t){in, size});
+    node_poll(k, r, MCU_STM32);
+    return 0;
+}
+
 int kernel_set_rate(kernel_t *k, int robot, mcu_t mcu, int64_t rate_ppb) {
     robot_t *r = robot_of(k, robot);
     if (r == NULL || (unsigned)mcu >= MCU_COUNT || !rate_ok(rate_ppb)) {

@@ -208,6 +208,9 @@ size_t kernel_host_write(kernel_t *self, int robot, const uint8_t *in, size_t si
 int kernel_set_faults(kernel_t *self, int robot, wire_t wire, const wire_faults_t *faults);
 int kernel_stall(kernel_t *self, int robot, wire_t wire, int64_t duration_ns);
 int kernel_inject(kernel_t *self, int robot, wire_t wire, const uint8_t *in, size_t size);
+/// A CRTP packet comes in by the STM32's radio. KERNEL_ERR_CONFIG also for one that runs an image, without
+/// one.
+int kernel_radio(kernel_t *self, int robot, const uint8_t *in, size_t size);
 int kernel_set_rate(kernel_t *self, int robot, mcu_t mcu, int64_t rate_ppb);
 int kernel_reset_stamp_clock(kernel_t *self, int robot, mcu_t mcu, uint64_t to_us);
 int kernel_reboot(kernel_t *self, int robot, mcu_t mcu, int64_t off_ns);

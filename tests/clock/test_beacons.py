@@ -14,7 +14,7 @@ RADIO = Radio()
 
 
 def noted(robot: Robot) -> Beacons:
-    return collect(robot.sequence.tolist(), robot.host_us.tolist(), robot.local_us.tolist())
+    return collect(robot.sequence, robot.host_us, robot.local_us)
 
 
 def fitted(robot: Robot) -> Against:
@@ -105,7 +105,7 @@ def test_a_host_that_started_anew_and_nonsense() -> None:
     host_us[late] -= 900_000_000
     host_us[50] += 7_000_000_000
     host_us[100] = 0
-    kept = collect(sequence.tolist(), host_us.tolist(), robot.local_us.tolist())
+    kept = collect(sequence, host_us, robot.local_us)
     assert len(kept) == (~late).sum() - 2
     assert kept.other_runs == late.sum() + 2
     assert (np.diff(kept.host_us) > 0).all()

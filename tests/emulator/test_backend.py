@@ -75,6 +75,8 @@ def test_counters_before_the_first_boot_are_zero_and_after_a_reboot_start_anew()
         robot = world.robots[0]
         world.run(0.5)
         assert set(robot.stm32.values()) == {0}
+        with pytest.raises(LocalError, match="has no radio"):
+            robot.radio(b"\xd2")
         world.run(1.5)
         assert robot.stm32["stamps_sent"] == 100
         robot.reboot("stm32", 0.5)

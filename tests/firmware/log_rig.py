@@ -62,6 +62,11 @@ class Rig:
         self.app.receive("UART2", uart(cpx(HOST, STM32, CRTP, data)), self.now_us)
         self.poll()
 
+    def radio(self, data: bytes) -> None:
+        """A CRTP packet that was broadcast."""
+        self.app.receive("RADIO", data, self.now_us)
+        self.poll()
+
     def logging(self, on: bool) -> None:
         self.crtp(b"\x23\0usd\0logging\0\x08" + bytes([on]))
 

@@ -111,3 +111,27 @@ def test_what_is_no_position_and_no_parameter_is_counted(data: bytes) -> None:
     assert rig.app.crtp_ignored == 1
     log = logs(ended(rig))[0]
     assert (len(log.rows["estPose"]), len(log.rows["estPosition"])) == (0, 0)
+
+
+@pytest.mark.parametrize("by_radio", [True, False])
+def test_a_beacon_is_a_row_with_the_time_of_its_coming(by_radio: bool) -> None:
+    rig = flown(0.5, config(hz=10, more=b"on:beacon\npm.vbatMV\n"))
+    came = []
+    for n in range(5):
+        rig.run(rig.now_us + 100_123)
+        packet = struct.pack("<BBIQ", 0xDE, 0x62, 2**32 - 2 + n & 0xFFFFFFFF, 2**48 - 2 + n)
+        if by_radio:
+            rig.radio(packet)
+        else:
+            rig.crtp(packet)
+        came.append(rig.now_us)
+    for wrong in (b"\xd2\x62" + bytes(11), b"\xd2\x63" + bytes(12), b"\xd1\x62" + bytes(12), b"\xd2"):
+        rig.radio(wrong)
+    rig.radio(b"")
+    assert rig.app.crtp_ignored == 5
+    log = logs(ended(rig))[0]
+    rows = log.rows["beacon"].data
+    assert rows["sequence"].tolist() == [2**32 - 2, 2**32 - 1, 0, 1, 2]
+    assert (rows["hostUs"] + (rows["hostUsHigh"].astype(np.int64) << 32)).tolist() == [2**48 - 2, 2**48 - 1, 0, 1, 2]
+    if by_radio:
+        assert log.rows["beacon"].stamp_us.tolist() == came

@@ -89,6 +89,11 @@ def cases() -> Iterator[Case]:
     for length, accepted in ((0, True), (1, False), (2, True), (1022, True), (1023, False), (65535, False)):
         yield "CPX over TCP and SPI", length.to_bytes(2, "little") + bytes(65535), accepted
     yield from starts("stamp message", bytes.fromhex("d52a40e2010074f3c8f4e5000000036f5d"), 17)
+    for head in (0xD2, 0xD6, 0xDE, 0xD3, 0xC2, 0x92):
+        yield "beacon", bytes([head, 0x62]) + bytes(12), head & 0xF3 == 0xD2
+    for wire, accepted in ((b"\xd2\x62", True), (b"\xd2\x63", False)):
+        yield "beacon", wire + bytes(12), accepted
+        yield "beacon", wire + bytes(11), False
     yield from dialects()
 
 

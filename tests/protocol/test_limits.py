@@ -14,7 +14,7 @@ from wire_formats import BY_NAME, any_values, new_packet
 
 from host.link.records import NanocockpitState
 from host.native import ffi, lib
-from host.protocol.spec import cpx, cpx_link, nanocockpit, native, paper, stamp, tables
+from host.protocol.spec import beacon, cpx, cpx_link, nanocockpit, native, paper, stamp, tables
 from host.protocol.spec.values import Value
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -29,6 +29,7 @@ def test_constants_agree(value: Value) -> None:
 
 
 def test_sizes_agree() -> None:
+    assert beacon.BEACON.sizeof() == lib.BEACON_BYTES
     assert stamp.STAMP.sizeof() == lib.STAMP_BYTES
     assert native.PAIR.sizeof() == lib.NATIVE_PAIR_BYTES
     for name in ("REPLY", "STREAM", "CAMERA", "STATUS"):

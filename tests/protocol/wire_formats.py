@@ -14,7 +14,7 @@ from construct import ConstructError
 from hypothesis import strategies as st
 
 from host.native import ffi, lib
-from host.protocol.spec import checks, cpx, cpx_link, cpx_uart, image, nanocockpit, native, paper, stamp
+from host.protocol.spec import beacon, checks, cpx, cpx_link, cpx_uart, image, nanocockpit, native, paper, stamp
 
 Values = dict[str, Any]
 
@@ -389,6 +389,7 @@ FORMATS = [
         lambda outputs, _: {name: getattr(outputs[0], name) for name in field_names("stamp_t")},
         repair=repair_stamp,
     ),
+    message("beacon", "beacon_t", "beacon", beacon.BEACON, 14, any_values("beacon_t")),
     message("stock header", "image_stock_t", "image_stock", image.STOCK_HEADER, 11, pictures("type", "size")),
     message(
         "native frame",

@@ -167,7 +167,13 @@ def test_names_out_of_a_log() -> None:
 def test_names_of_this_firmware() -> None:
     names = names_of_firmware()
     assert (names.variables["stateEstimate.x"], names.variables["pm.vbatMV"]) == ("f", "H")
-    assert names.payloads == {"estPose": "", "estPosition": "B", "estGyroscope": "", "estAcceleration": ""}
+    assert names.payloads == {
+        "estPose": "",
+        "estPosition": "B",
+        "estGyroscope": "",
+        "estAcceleration": "",
+        "beacon": "IIH",
+    }
     text = HEAD + FIXED + b"gyro.x\non:estPosition\n"
     config = read_config(text, names)
     assert [block.row_bytes for block in config.blocks] == [14, 11]

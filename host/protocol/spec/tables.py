@@ -13,7 +13,7 @@ from typing import Any
 
 import construct
 
-from . import control, cpx, cpx_link, cpx_uart, image, nanocockpit, native, paper, stamp, usd
+from . import beacon, control, cpx, cpx_link, cpx_uart, image, nanocockpit, native, paper, stamp, usd
 from .values import Value
 
 LAYOUTS: dict[str, Any] = {
@@ -43,6 +43,7 @@ LAYOUTS: dict[str, Any] = {
     "nanocockpit more": nanocockpit.MORE,
     "nanocockpit metadata": nanocockpit.METADATA,
     "nanocockpit reply": nanocockpit.REPLY,
+    "beacon": beacon.BEACON,
     "usd row": usd.ROW,
     "usd status": usd.STATUS,
 }

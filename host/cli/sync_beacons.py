@@ -1,0 +1,131 @@
+"""`host sync robots` with beacons: what it takes out of logs, and what it says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from ..clock.beacons import BEACONS_MIN, Against, Beacons, Between, against_host, between, collect
+from ..protocol.errors import PeerError
+from ..usd.log import Log
+from .as_json import line
+
+EVENT = "beacon"
+VALUES = ("sequence", "hostUs", "hostUsHigh")
+
+
+def has_beacons(log: Log) -> bool:
+    rows = log.rows.get(EVENT)
+    return rows is not None and len(rows) > 0 and set(VALUES) <= set(rows.data.dtype.names or ())
+
+
+def compare(labels: Sequence[str], logs: Sequence[Log], as_json: bool) -> int:
+    """Prints what beacons tell of these robots."""
+    fits = [against(label, log) for label, log in zip(labels, logs, strict=True)]
+    pairs = []
+    for first, second in combinations(range(len(fits)), 2):
+        pair = between(first, second, fits[first], fits[second])
+        if pair is None:
+            raise PeerError(f"{labels[first]} and {labels[second]}: not one beacon in common: logs of two runs?")
+        pairs.append(pair)
+    if as_json:
+        for record in records(labels, fits, pairs):
+            print(line(record))
+    else:
+        print("\n".join(lines(labels, fits, pairs)))
+    return 0
+
+
+def against(label: str, log: Log) -> Against:
+    """By the beacons of the epoch that has most of them: between two resets of the robot's clock."""
+    rows = log.rows[EVENT]
+    longest = max(rows.epochs, key=len)
+    mine = slice(longest.start, longest.stop)
+    sequence, low, high = (rows.data[name][mine].astype(np.int64) for name in VALUES)
+    beacons = collect(sequence, low + (high << 32), rows.stamp_us[mine].astype(np.int64))
+    fit = against_host(beacons)
+    if fit is None:
+        raise PeerError(f"{label}: {len(beacons)} beacons of one run of the host; at least {BEACONS_MIN} are needed")
+    return fit
+
+
+def lost(beacons: Beacons) -> int:
+    return int(beacons.sequence[-1] - beacons.sequence[0]) + 1 - len(np.unique(beacons.sequence))
+
+
+def to_host(fit: Against) -> tuple[float, float, float, float]:
+    """In the middle of its beacons: host's time, offset, bound; and the greatest bound from first to last."""
+    host_us = np.linspace(fit.beacons.host_us[0], fit.beacons.host_us[-1], 201)
+    offset, bound = fit.at(host_us)
+    middle = len(host_us) // 2
+    return float(host_us[middle]), float(offset[middle]), float(bound[middle]), float(bound.max())
+
+
+def records(labels: Sequence[str], fits: Sequence[Against], pairs: Sequence[Between]) -> Iterator[dict[str, Any]]:
+    for label, fit in zip(labels, fits, strict=True):
+        at_us, offset, bound, worst = to_host(fit)
+        yield {
+            "event": "robot",
+            "log": label,
+            "beacons": len(fit.beacons),
+            "lost": lost(fit.beacons),
+            "repeated": fit.beacons.repeated,
+            "of_other_runs": fit.beacons.other_runs,
+            "drift_ppm": round(fit.drift_ppm, 3),
+            "counts_84_of_85": fit.is_slow if fit.is_clear else None,
+            "delay_us": round(fit.delay_us, 1),
+            "at_host_us": round(at_us),
+            "host_offset_us": round(offset, 1),
+            "host_bound_us": bounded(bound),
+            "host_bound_us_max": bounded(worst),
+        }
+    for pair in pairs:
+        values = {key: round(value, 3) if isinstance(value, float) else value for key, value in asdict(pair).items()}
+        values |= {"bound_us": bounded(pair.bound_us), "worst_us": bounded(pair.worst_us)}
+        values |= {"slope_bound_ppm": bounded(pair.slope_bound_ppm)}
+        yield {"event": "pair", **values, "first": labels[pair.first], "second": labels[pair.second]}
+
+
+def bounded(value: float) -> float | None:
+    """None: no beacon is near, and there is no bound."""
+    return round(value, 3) if np.isfinite(value) else None
+
+
+def lines(labels: Sequence[str], fits: Sequence[Against], pairs: Sequence[Between]) -> Iterator[str]:
+    ends = f"{'offset, us':>18}{'± us':>8}{'worst':>8}"
+    yield f"{'robot against host':32}{'beacons':>8}{'lost':>6}{'drift, ppm':>12}{ends}"
+    for label, fit in zip(labels, fits, strict=True):
+        _, offset, bound, worst = to_host(fit)
+        yield (
+            f"{label:32}{len(fit.beacons):8}{lost(fit.beacons):6}{fit.drift_ppm:+12.2f}{offset:+18.1f}"
+            f"{shown(bound)}{shown(worst)}"
+        )
+    for label, fit in zip(labels, fits, strict=True):
+        yield from (f"  {label}: {each}" for each in notes(fit))
+    yield ""
+    yield f"{'second against first':32}{'common':>8}{'slope, ppm':>18}{ends}"
+    for pair in pairs:
+        name = f"{labels[pair.second]} against {labels[pair.first]}"
+        slope = f"{pair.slope_ppm:+.3f} ±{shown(pair.slope_bound_ppm, 3).strip():>6}"
+        yield (
+            f"{name:32}{pair.common:8}{slope:>18}{pair.offset_us:+18.1f}{shown(pair.bound_us)}{shown(pair.worst_us)}"
+        )
+    yield "Offsets are in the middle of what was heard; bounds hold for 99 %. How late the host itself sends is in none"
+    yield "against the host; what comes later on one robot always is in none at all."
+
+
+def shown(value: float, digits: int = 0) -> str:
+    return f"{value:8.{digits}f}" if np.isfinite(value) else f"{'-':>8}"
+
+
+def notes(fit: Against) -> Iterator[str]:
+    if not fit.is_clear:
+        yield f"its clock is {fit.drift_ppm:+.0f} ppm off the host's: neither right nor 84/85"
+    elif fit.is_slow:
+        yield "it counts 84 where 85 have passed"
+    if fit.beacons.other_runs:
+        yield f"{fit.beacons.other_runs} beacons left out: of another run of the host, or with times that cannot be"
