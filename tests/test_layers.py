@@ -27,7 +27,17 @@ RULES: list[tuple[str, set[str], set[str]]] = [
     ("host.link.stream", {"host.link", "host.protocol", "host.native"}, set()),
     *(
         (f"host.link.{name}", {"host.link", "host.protocol", "host.native"}, set())
-        for name in ("access", "discovery", "ports", "recording", "recover", "replay", "replay_server", "serial")
+        for name in (
+            "access",
+            "discovery",
+            "ports",
+            "recording",
+            "recover",
+            "replay",
+            "replay_server",
+            "restamp",
+            "serial",
+        )
     ),
     (
         "host.link",

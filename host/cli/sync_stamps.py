@@ -7,17 +7,18 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from ..clock.stamps import WIRE_US, Stamped, stamp
 from ..link.records import PAIR_DTYPE, Frame
+from ..link.restamp import Restamped
 from ..protocol.errors import LocalError, PeerError
+from . import sync_apply
 from .as_json import line
 
 NANOCOCKPIT_WIRE_US = 40 * 10 * 365 / 42
-HEADER = "frame_index,frame,frame_gap8_us,frame_stm32_us,bound_us,epoch,refused"
 CANNOT = {
     "stock": "stock frames carry no time and no message of the STM32's: nothing can be worked out but their arrival;"
     " use native firmware",
@@ -47,6 +48,8 @@ class Source:
     """Of each frame with a GAP8 time, in the recording ..."""
     number: list[int]
     """... and on the robot."""
+    arrival_ns: list[int]
+    """On the host's clock, likewise."""
     frame_gap8: np.ndarray[Any, np.dtype[np.uint64]]
     frame_after: np.ndarray[Any, np.dtype[np.int64]]
     own_stm32_us: np.ndarray[Any, np.dtype[np.float64]]
@@ -63,6 +66,9 @@ def run(arguments: argparse.Namespace) -> int:
     from .usd_tables import new_file
 
     code = 0
+    if arguments.apply:
+        sync_apply.check(arguments.file, arguments.apply)
+    times: dict[int, list[Restamped]] = {}
     with ExitStack() as outputs:
         # Before anything is read, and kept only if all goes well.
         write_picture = picture_writer(arguments.plot) if arguments.plot else None
@@ -73,8 +79,10 @@ def run(arguments: argparse.Namespace) -> int:
         recording = Recording(arguments.file)
         robots = sorted(recording.sources) if arguments.robot is None else [recording.source(arguments.robot).number]
         recording.close()
-        if len(robots) > 1 and (table or drawing):
-            raise LocalError(f"{arguments.file}: of {len(robots)} robots; choose one with --robot to write or draw")
+        if len(robots) > 1 and (drawing or (table and not sync_apply.is_recording(arguments.apply))):
+            raise LocalError(
+                f"{arguments.file}: of {len(robots)} robots; choose one with --robot to draw, or to write a table"
+            )
         for robot in robots:
             source = read(arguments.file, robot)
             if not source.dialects:
@@ -85,16 +93,15 @@ def run(arguments: argparse.Namespace) -> int:
             else:
                 print("\n".join(lines(arguments.file, source, result)))
             if result is None or not len(result.frame):
-                if table or drawing:
-                    raise PeerError(
-                        f"{arguments.file}: robot {robot}: no frame can be given a time, so nothing was written"
-                    )
                 code = 4
                 continue
-            if table:
-                write(table, source, result)
+            times[robot] = sync_apply.restamped(source, result)
             if drawing and write_picture:
                 drawing.write(write_picture(WIDTH, HEIGHT, picture(result)))
+        if (table or drawing) and not times:
+            raise PeerError(f"{arguments.file}: no frame can be given a time, so nothing was written")
+        if table:
+            sync_apply.write(arguments.file, arguments.apply, table, times)
     return code
 
 
@@ -116,6 +123,7 @@ def read(name: str, robot: int) -> Source:
     states: list[tuple[int, int]] = []
     index: list[int] = []
     numbers: list[int] = []
+    arrivals: list[int] = []
     gap8: list[int] = []
     after: list[int] = []
     own: list[float] = []
@@ -132,6 +140,7 @@ def read(name: str, robot: int) -> Source:
             if frame.native or frame.nanocockpit:
                 index.append(frame.index)
                 numbers.append(number_of(frame))
+                arrivals.append(frame.arrival_host_ns)
                 gap8.append((frame.native or frame.nanocockpit).frame_gap8_us)  # type: ignore[union-attr]
                 after.append(messages)
                 own.append(np.nan if frame.frame_stm32_us is None else float(frame.frame_stm32_us))
@@ -145,7 +154,7 @@ def read(name: str, robot: int) -> Source:
         in_ms = counts_ms(stm32, arrived)
         stm32 = stm32 * np.uint64(1000 if in_ms else 1)
     return Source(
-        robot, dict(dialects), stm32, arrived, resets, index, numbers, np.array(gap8, np.uint64),
+        robot, dict(dialects), stm32, arrived, resets, index, numbers, arrivals, np.array(gap8, np.uint64),
         np.array(after, np.int64), np.array(own), in_ms, WIRE_US if pairs else NANOCOCKPIT_WIRE_US,
     )  # fmt: skip
 
@@ -266,17 +275,3 @@ def lines(name: str, source: Source, result: Stamped | None) -> Iterator[str]:
             yield f"  refused   {count} frames: {why}"
         yield f"  unseen    {UNSEEN}"
     yield from (f"  note      {each}" for each in record["notes"])
-
-
-def write(out: IO[bytes], source: Source, result: Stamped) -> None:
-    """The CSV file."""
-    given = dict(zip(result.frame.tolist(), range(len(result.frame)), strict=True))
-    out.write(f"{HEADER}\n".encode())
-    frames = zip(source.index, source.number, source.frame_gap8.tolist(), strict=True)
-    for place, (index, number, gap8) in enumerate(frames):
-        at = given.get(place)
-        if at is None:
-            told = f",,,{result.refused[place]}"
-        else:
-            told = f"{result.stm32_us[at]:.1f},{result.bound_us[at]:.1f},{result.epoch[at]},"
-        out.write(f"{index},{number},{gap8},{told}\n".encode())

@@ -1,0 +1,62 @@
+"""`host sync stamps --apply`: the times as a CSV file, or in a copy of the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+from ..clock.stamps import Stamped
+from ..link.restamp import Restamped, add_times
+from ..protocol.errors import LocalError
+
+if TYPE_CHECKING:
+    from .sync_stamps import Source
+
+HEADER = "frame_index,frame,frame_gap8_us,frame_stm32_us,bound_us,epoch,refused"
+
+
+def is_recording(out: str) -> bool:
+    return Path(out).suffix == ".mcap"
+
+
+def check(recording: str, out: str) -> None:
+    """LocalError: it would take the place of the recording, --force or not."""
+    if Path(out).exists() and Path(recording).exists() and Path(out).samefile(recording):
+        raise LocalError(f"{out}: that is the recording, which is only read: name another file")
+
+
+def restamped(source: Source, result: Stamped) -> list[Restamped]:
+    """Of all frames with a GAP8 time, in their order."""
+    given = dict(zip(result.frame.tolist(), range(len(result.frame)), strict=True))
+    made = []
+    frames = zip(source.index, source.number, source.arrival_ns, source.frame_gap8.tolist(), strict=True)
+    for place, (index, number, arrival_ns, gap8_us) in enumerate(frames):
+        at = given.get(place)
+        made.append(
+            Restamped(
+                frame_index=index,
+                frame=number,
+                arrival_host_ns=arrival_ns,
+                frame_gap8_us=gap8_us,
+                frame_stm32_us=None if at is None else round(float(result.stm32_us[at]), 1),
+                bound_us=None if at is None else round(float(result.bound_us[at]), 1),
+                epoch=None if at is None else int(result.epoch[at]),
+                refused=result.refused[place] if at is None else None,
+            )
+        )
+    return made
+
+
+def write(recording: str, name: str, out: IO[bytes], times: Mapping[int, Sequence[Restamped]]) -> None:
+    """Into `out`, whose name will be `name`; a CSV file is of one robot."""
+    if is_recording(name):
+        add_times(recording, out, times)
+        return
+    out.write(f"{HEADER}\n".encode())
+    for frame in (frame for frames in times.values() for frame in frames):
+        if frame.refused is None:
+            told = f"{frame.frame_stm32_us},{frame.bound_us},{frame.epoch},"
+        else:
+            told = f",,,{frame.refused}"
+        out.write(f"{frame.frame_index},{frame.frame},{frame.frame_gap8_us},{told}\n".encode())
