@@ -26,6 +26,7 @@ BITS_PER_BYTE = 10
 HOST_SPARE_BYTES = 32 << 10
 
 QUANTA = {"1us": lib.QUANTUM_1US, "rtc": lib.QUANTUM_RTC, "1ms": lib.QUANTUM_1MS}
+TICK_NS = {"1us": 1000, "rtc": round(1e9 / 32768), "1ms": 1_000_000}
 FIRMWARE = {
     "native": lib.GAP8_NATIVE,
     "stock": lib.GAP8_STOCK,
@@ -99,6 +100,11 @@ def faults(wire: Wire) -> dict[str, float]:
         "stall_per_s": wire.stall_per_s,
         "stall_ns": nanoseconds(wire.stall_ms, 1e6),
     }
+
+
+def frame_latency_us(camera: Camera) -> int:
+    """What somebody who measured this robot would tell its GAP8: by then 99 % of the interrupts have been served."""
+    return math.ceil(camera.jitter_us * math.log(100))
 
 
 def stamp_format(robot: RobotSettings) -> int:
@@ -179,6 +185,8 @@ def robot_config(robot: RobotSettings, seed: int = 0, index: int = 0) -> Any:
                 "exposure_lines": camera.exposure_lines,
                 "frame_period_us": round(camera.burst * 1e6 / camera.fps) if camera.fps else 0,
             },
+            "stamp_tick_ns": TICK_NS[robot.gap8.quantum],
+            "frame_latency_us": frame_latency_us(camera),
             "stamp_bits": robot.gap8.stamp_bits,
             "firmware": FIRMWARE[robot.firmware],
             "paper": paper_set_right(robot.paper),

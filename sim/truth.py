@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -43,6 +43,7 @@ class Stamped:
     stm32_us: int
     number: tuple[int, int] | None
     """frame and frame_gap8_us of a native frame."""
+    bound_us: int | None = None
     body_crc32: int = 0
     """Of a frame without a number: its picture, and that it was taken before it came, is all there is."""
     arrival_ns: int = 0
@@ -56,9 +57,11 @@ def stamped(frames: Iterable[Frame]) -> list[Stamped]:
         if stm32_us is None:
             continue
         if frame.native:
-            found.append(Stamped(stm32_us, (frame.native.frame, frame.native.frame_gap8_us)))
+            number = (frame.native.frame, frame.native.frame_gap8_us)
+            found.append(Stamped(stm32_us, number, frame.native.bound_us))
         else:
-            found.append(Stamped(stm32_us, None, zlib.crc32(frame.body.data), frame.arrival_host_ns))
+            crc32 = zlib.crc32(frame.body.data)
+            found.append(Stamped(stm32_us, None, body_crc32=crc32, arrival_ns=frame.arrival_host_ns))
     return found
 
 
@@ -119,18 +122,23 @@ class Unnumbered:
         return min(meant, key=abs, default=float("nan"))
 
 
-def stamp_errors_us(stamps: Iterable[Stamped], world: World, robot: int) -> dict[str, float] | None:
-    """n, mean, sd, worst of the errors of one robot's stamps; None when there is nothing to compare."""
+def stamp_errors_us(stamps: Sequence[Stamped], world: World, robot: int) -> dict[str, float] | None:
+    """n, mean, sd, worst of the errors of one robot's stamps, how many have a bound and how many are within it; None
+    when there is nothing to compare."""
     truth = world.truth
     own = truth[truth["robot"] == robot]
     bits = world.scenario.robots[robot].stm32.stamp_bits
     each = errors_us(stamps, own, bits, world.picture_numbers(robot))
-    each = each[~np.isnan(each)]
+    known = ~np.isnan(each)
+    bound = np.array([np.nan if stamp.bound_us is None else stamp.bound_us for stamp in stamps])[known]
+    each = each[known]
     if not len(each):
         return None
     worst = float(each[np.argmax(np.abs(each))])
     return {
         "n": len(each),
+        "bounded": int(np.count_nonzero(~np.isnan(bound))),
+        "within": int(np.count_nonzero(np.abs(each) <= bound)),
         "mean": round(float(each.mean()), 1),
         "sd": round(float(each.std()), 1),
         "worst": round(worst, 1),

@@ -57,7 +57,8 @@ static void remember(clock_track_t *self, int64_t above_q8) {
     self->doubt_recent_us = 0;
     int64_t gap_q8 = INT64_MAX;
     for (uint8_t i = 0; i < self->recent_fill; i++) {
-        const int64_t each = -self->recent_q8[(self->recent_head + CLOCK_RECENT - i) % CLOCK_RECENT];
+        const int64_t each =
+            -self->recent_q8[(self->recent_head + CLOCK_RECENT - i) % CLOCK_RECENT] - hidden_q8(self);
         gap_q8 = each < gap_q8 ? each : gap_q8;
         if (i > 0 && gap_q8 * (i + 1) > (int64_t)self->mean_q8 * DOUBT) {
             const uint32_t gap_us = (uint32_t)(gap_q8 / Q8);
@@ -147,6 +148,7 @@ void clock_track_take(clock_track_t *self, uint64_t stm32_us, uint64_t gap8_us, 
         return;
     }
     self->held_fill = 0;
+    self->used_stm32_us = stm32_us;
     self->used_gap8_us = gap8_us;
     if (self->open.count > 0 && reading.gap8_us - self->open_begin_us >= (int32_t)self->block_us) {
         close_block(self, reading.gap8_us);

@@ -28,8 +28,9 @@ enum {
 };
 
 typedef struct {
-    uint32_t tick_ns;  ///< step of the GAP8's stamp clock; 0: 1000
-    uint32_t delay_ns; ///< known delay of every message, in GAP8 time: that of its bits on the wire
+    uint32_t tick_ns;    ///< step of the GAP8's stamp clock; 0: 1000
+    uint32_t delay_ns;   ///< known delay of every message: that of its bits on the wire
+    uint32_t latency_us; ///< 99 % of frames have been read by then after their end
 } clock_known_t;
 
 typedef struct {
@@ -67,7 +68,8 @@ typedef struct {
     uint64_t anchor_gap8_us;
     uint64_t last_stm32_us; ///< message that came last, whatever it was taken for
     uint64_t last_gap8_us;
-    uint64_t used_gap8_us;  ///< message that was taken last
+    uint64_t used_stm32_us; ///< message that was taken last
+    uint64_t used_gap8_us;
     uint64_t begin_gap8_us; ///< of the epoch
     clock_line_t line;      ///< as fitted, and lifted since by earlier messages
     int32_t skew_q31;
@@ -105,8 +107,9 @@ typedef struct {
     uint16_t flags; ///< FRAME_* of image.h
     uint8_t epoch;
     uint64_t stm32_us;
-    uint32_t bound_us; ///< either side, 99 %
-    uint32_t age_us;   ///< since the last message that was taken
+    uint32_t bound_us;   ///< either side, 99 %
+    uint32_t latency_us; ///< of the frame's reading, in bound_us
+    uint32_t age_us;     ///< since the last message that was taken
     uint32_t window_us;
     uint32_t window_count; ///< messages in it
     uint32_t mean_us;      ///< delay, above the smallest

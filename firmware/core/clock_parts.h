@@ -31,6 +31,11 @@ static inline uint32_t tick_q8(const clock_track_t *self) {
     return (uint32_t)((uint64_t)tick_ns * Q8 / 1000);
 }
 
+/// By how much apart the same instant may be read.
+static inline uint32_t hidden_q8(const clock_track_t *self) {
+    return self->known.tick_ns > FINE_NS ? tick_q8(self) : 0;
+}
+
 // clock_blocks.c. Times are after the anchor.
 /// None, and an open one from the anchor on.
 void clock_track_blocks_begin(clock_track_t *self);

@@ -8,6 +8,7 @@ enum {
     COARSE_NS = 100000, ///< messages may all come at the same place in such a tick
     HOLDOVER_US = 250000,
     STUCK_MIN = 3,
+    SLOW_Q31 = -25264513, ///< skew of an STM32 clock that counts 84 where 85 have passed: -2^31 / 85
 };
 
 /// Between the ticks: frames come at one rate, and the least squares line through their readings is finer
@@ -84,7 +85,18 @@ static uint64_t bound_us(const clock_track_t *self, uint64_t gap8_us) {
     const uint64_t wander_q8 = self->wander_q8 * reach_q8 / Q8 * reach_q8 / Q8;
     const uint32_t ticks = self->known.tick_ns > COARSE_NS ? 2 : 1;
     const uint32_t ticks_q8 = ticks * tick_q8(self);
-    return (self->noise_q8 * reach_q8 / Q8 + wander_q8 + ticks_q8) / Q8 + 1 + doubt_us(self);
+    return (self->noise_q8 * reach_q8 / Q8 + wander_q8 + ticks_q8) / Q8 + 1 + doubt_us(self) +
+           self->known.latency_us;
+}
+
+/// The known delay in GAP8 time. It is the STM32's crystal that sets it, and of the two clocks' skew only
+/// what the divider of the stamp clock does not explain is its own.
+static int64_t delay_q8(const clock_track_t *self) {
+    const int64_t whole_q8 = (int64_t)((uint64_t)self->known.delay_ns * Q8 / 1000);
+    const int64_t right = self->line.skew_q31;
+    const int64_t slow = right - SLOW_Q31;
+    const int64_t skew = (slow < 0 ? -slow : slow) < (right < 0 ? -right : right) ? slow : right;
+    return whole_q8 - whole_q8 * skew / ((int64_t)1 << 31);
 }
 
 void clock_track_stamp(clock_track_t *self, uint64_t gap8_us, clock_time_t *time) {
@@ -98,7 +110,8 @@ void clock_track_stamp(clock_track_t *self, uint64_t gap8_us, clock_time_t *time
         return;
     }
     const int32_t since_us = passed(self->used_gap8_us, gap8_us);
-    self->expired = self->expired || since_us > CLOCK_AGE_MAX_US || since_us < -(int32_t)LATE_US;
+    const bool long_ago = gap8_us > self->used_gap8_us && gap8_us - self->used_gap8_us > CLOCK_AGE_MAX_US;
+    self->expired = self->expired || long_ago || since_us > CLOCK_AGE_MAX_US || since_us < -(int32_t)LATE_US;
     time->epoch = self->epoch;
     time->age_us = self->expired ? UINT32_MAX - 1 : since_us > 0 ? (uint32_t)since_us : 0;
     time->flags = state_flags(self, gap8_us, time->age_us);
@@ -113,13 +126,16 @@ void clock_track_stamp(clock_track_t *self, uint64_t gap8_us, clock_time_t *time
     }
     time->bound_us = (uint32_t)bound;
     const int32_t after_us = passed(self->anchor_gap8_us, gap8_us);
-    const int64_t delay_q8 = (int64_t)((uint64_t)self->known.delay_ns * Q8 / 1000);
-    const int32_t line_us = after_us + (int32_t)(self->known.delay_ns / 1000);
+    const int64_t after_q8 = delay_q8(self);
+    const int32_t line_us = after_us + (int32_t)(after_q8 / Q8);
     // Both readings of a message are rounded down, and the earliest of many shows it.
     const int64_t rounded_q8 = coarse ? (int64_t)tick_q8(self) - Q8 / 2 : Q8 / 4;
-    const int64_t ahead_q8 = line_at(&self->line, line_us) + delay_q8 + shift_q8 - rounded_q8 + Q8 / 2;
+    const int64_t ahead_q8 = line_at(&self->line, line_us) + after_q8 + shift_q8 - rounded_q8 + Q8 / 2;
     const int64_t floor_us = ahead_q8 >= 0 ? ahead_q8 / Q8 : -((Q8 - 1 - ahead_q8) / Q8);
-    time->stm32_us = self->anchor_stm32_us + (uint64_t)((int64_t)after_us + floor_us);
+    const uint64_t stm32_us = self->anchor_stm32_us + (uint64_t)((int64_t)after_us + floor_us);
+    // A clock of few bits wraps: the reading that is nearest to a message's.
+    time->stm32_us = self->used_stm32_us + (uint64_t)(int64_t)passed(self->used_stm32_us, stm32_us);
+    time->latency_us = self->known.latency_us;
     time->flags |= FRAME_HAS_ESTIMATE | FRAME_HAS_BOUND;
     time->window_us = self->window_us;
     time->window_count = self->window_count;

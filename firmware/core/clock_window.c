@@ -189,7 +189,8 @@ static void starve(clock_track_t *self) {
     for (uint8_t i = 0; i < 8 && i < self->blocks_fill; i++) {
         const uint8_t at = (uint8_t)(self->blocks_fill - 1 - i);
         const clock_block_t *block = &self->blocks[at];
-        const int64_t each_q8 = line_at(&self->line, block->gap8_us) - (int64_t)block->ahead_us * Q8;
+        const int64_t each_q8 =
+            line_at(&self->line, block->gap8_us) - (int64_t)block->ahead_us * Q8 - hidden_q8(self);
         gap_q8 = each_q8 < gap_q8 ? each_q8 : gap_q8;
         count += block->count;
         if (gap_q8 <= 0) {

@@ -2,7 +2,12 @@
 
 #include "checks.h"
 
-enum { PERIOD_MAX_US = 10000000, DATA_MIN = NATIVE_FRAME_BYTES };
+enum {
+    PERIOD_MAX_US = 10000000,
+    DATA_MIN = NATIVE_FRAME_BYTES,
+    FRAME_CHECK_AT = NATIVE_FRAME_SHORT_BYTES - NATIVE_CHECK_BYTES,
+    CLOCK_CHECK_AT = NATIVE_FRAME_BYTES - NATIVE_CHECK_BYTES,
+};
 
 /// What every picture must satisfy, stock or native: 0 or ERR_VALUE.
 static int picture_check(uint16_t width, uint16_t height, uint8_t depth, uint8_t encoding, uint32_t size) {
@@ -67,7 +72,7 @@ int image_stock_decode(bytes_t in, image_stock_t *header) {
     return IMAGE_STOCK_BYTES;
 }
 
-void native_frame_encode(const native_frame_t *frame, uint8_t out[104]) {
+void native_frame_encode(const native_frame_t *frame, uint8_t out[128]) {
     native_start(out, NATIVE_FRAME, NATIVE_FRAME_BYTES);
     store32_le(out + 4, frame->frame);
     store16_le(out + 8, frame->width);
@@ -97,22 +102,29 @@ void native_frame_encode(const native_frame_t *frame, uint8_t out[104]) {
     store32_le(out + 88, frame->frames_unsent);
     store32_le(out + 92, frame->spi_errors);
     store32_le(out + 96, frame->packets_dropped);
-    native_seal(out, NATIVE_FRAME_BYTES - NATIVE_CHECK_BYTES);
+    native_seal(out, FRAME_CHECK_AT);
+    store32_le(out + 104, frame->window_us);
+    store32_le(out + 108, frame->window_stamps);
+    store32_le(out + 112, frame->delay_us);
+    store32_le(out + 116, (uint32_t)frame->skew_ppb);
+    store32_le(out + 120, frame->latency_us);
+    native_seal(out, CLOCK_CHECK_AT);
 }
 
 int native_frame_decode(bytes_t in, native_frame_t *frame) {
-    const int error = native_check(in, NATIVE_FRAME, NATIVE_FRAME_BYTES);
+    const int error = native_check(in, NATIVE_FRAME, NATIVE_FRAME_SHORT_BYTES);
     if (error < 0) {
         return error;
     }
     const uint16_t header_bytes = load16_le(in.data + 2);
-    if (header_bytes < NATIVE_FRAME_BYTES || header_bytes > in.size) {
+    if (header_bytes < NATIVE_FRAME_SHORT_BYTES || header_bytes > in.size) {
         return ERR_LENGTH;
     }
-    if (!native_sealed(in, NATIVE_FRAME_BYTES - NATIVE_CHECK_BYTES)) {
+    const bool has_clock = header_bytes >= NATIVE_FRAME_BYTES;
+    if (!native_sealed(in, FRAME_CHECK_AT) || (has_clock && !native_sealed(in, CLOCK_CHECK_AT))) {
         return ERR_CHECK;
     }
-    const native_frame_t read = {
+    native_frame_t read = {
         .frame = load32_le(in.data + 4),
         .width = load16_le(in.data + 8),
         .height = load16_le(in.data + 10),
@@ -145,6 +157,13 @@ int native_frame_decode(bytes_t in, native_frame_t *frame) {
     const int refused = picture_check(read.width, read.height, read.depth, read.encoding, read.body_bytes);
     if (refused < 0) {
         return refused;
+    }
+    if (has_clock) {
+        read.window_us = load32_le(in.data + 104);
+        read.window_stamps = load32_le(in.data + 108);
+        read.delay_us = load32_le(in.data + 112);
+        read.skew_ppb = (int32_t)load32_le(in.data + 116);
+        read.latency_us = load32_le(in.data + 120);
     }
     *frame = read;
     return header_bytes;

@@ -22,7 +22,8 @@ enum {
     IMAGE_SIDE_MAX = 1024,        ///< pixels; the sensor has 324
     IMAGE_BODY_MAX = 1024 * 1024, ///< bytes; anything larger is a damaged header
     NATIVE_MAGIC = 0x4E,
-    NATIVE_FRAME_BYTES = 104,
+    NATIVE_FRAME_BYTES = 128,
+    NATIVE_FRAME_SHORT_BYTES = 104, ///< of robots that say nothing about their clock: read, never written
     NATIVE_DATA_HEAD_BYTES = 8,
     NATIVE_DATA_BODY_MAX = 1012, ///< CPX_DATA_MAX - NATIVE_DATA_HEAD_BYTES
     NATIVE_PAIRS_HEAD_BYTES = 8,
@@ -46,18 +47,18 @@ enum {
     NATIVE_CAMERA = 17, ///< host or STM32 -> GAP8: camera settings
 };
 
-/// native_frame_t.flags. The first two say which fields mean anything; the rest are for the clock estimator.
+/// native_frame_t.flags. The first two say which fields mean anything; the rest are the clock tracker's.
 enum {
-    FRAME_HAS_ESTIMATE = 1, ///< frame_stm32_us is set
-    FRAME_HAS_BOUND = 2,    ///< bound_us is set
-    FRAME_COLD = 4,
-    FRAME_HOLDOVER = 8,
-    FRAME_QUARANTINE = 16,
-    FRAME_STUCK = 32,
-    FRAME_EPOCH_NEW = 64,
-    FRAME_BEFORE_EPOCH = 128,
-    FRAME_QUANTISED = 256,
-    FRAME_REFUSED = 512, ///< there is a reason why no estimate is given
+    FRAME_HAS_ESTIMATE = 1,   ///< frame_stm32_us is set
+    FRAME_HAS_BOUND = 2,      ///< bound_us is set
+    FRAME_COLD = 4,           ///< the first second, or the clocks' rates are not known yet
+    FRAME_HOLDOVER = 8,       ///< no stamp for 0.25 s: the estimate runs on the last rate
+    FRAME_QUARANTINE = 16,    ///< the last stamps contradict the ones before
+    FRAME_STUCK = 32,         ///< the STM32's time stands still
+    FRAME_EPOCH_NEW = 64,     ///< the epoch, not the first, is less than 1 s old
+    FRAME_BEFORE_EPOCH = 128, ///< the frame is older than the epoch
+    FRAME_QUANTISED = 256,    ///< the GAP8's stamp clock counts in steps of more than 1 us
+    FRAME_REFUSED = 512,      ///< there is a reason why no estimate is given
 };
 
 typedef struct {
@@ -80,7 +81,7 @@ typedef struct {
     uint32_t body_crc32;     ///< crc32_zlib of the body
     uint64_t frame_gap8_us;  ///< GAP8 stamp clock, raw, at end of frame
     uint64_t frame_stm32_us; ///< estimate of the STM32 stamp clock at end of frame
-    uint32_t bound_us;       ///< of the estimate, either side
+    uint32_t bound_us;       ///< of the estimate, either side, 99 %; latency_us is in it
     uint8_t epoch;           ///< of the STM32 clock
     uint8_t analog_gain;     ///< 1, 2, 4, 8
     uint8_t digital_gain;    ///< 1/64
@@ -98,6 +99,11 @@ typedef struct {
     uint32_t frames_unsent;   ///< captured and not sent: nobody connected, or given up
     uint32_t spi_errors;
     uint32_t packets_dropped; ///< by the GAP8, for want of room
+    uint32_t window_us;       ///< what the estimate is from: stamps of so long
+    uint32_t window_stamps;   ///< and so many; 0: nothing is said, here and below
+    uint32_t delay_us;        ///< their mean delay above the smallest
+    int32_t skew_ppb;         ///< of the STM32's stamp clock against the GAP8's
+    uint32_t latency_us; ///< in bound_us: the GAP8's clock may have been read so late at the end of frame
 } native_frame_t;
 
 typedef struct {
@@ -146,7 +152,7 @@ typedef struct {
 
 /// Encoders write exactly the size in the name. They cannot fail.
 void image_stock_encode(const image_stock_t *header, uint8_t out[11]);
-void native_frame_encode(const native_frame_t *frame, uint8_t out[104]);
+void native_frame_encode(const native_frame_t *frame, uint8_t out[128]);
 void native_data_encode_head(uint32_t frame, uint32_t offset, uint8_t out[8]);
 void native_status_encode(const native_status_t *status, uint8_t out[64]);
 void native_stream_encode(const native_stream_t *stream, uint8_t out[6]);
@@ -161,7 +167,8 @@ size_t native_pairs_encode(const native_pair_t *pairs, size_t count, uint32_t lo
 /// untouched on error. Longer input than needed is allowed for messages (they may grow), not for the stock
 /// header, which is ERR_LENGTH unless exactly 11 bytes. Stock: ERR_VALUE unless 1 <= sides <= IMAGE_SIDE_MAX,
 /// depth 1..4, type 0 or 1, 1 <= size <= IMAGE_BODY_MAX, and for raw size = width * height * depth. Native
-/// frame: likewise. Native frame, pairs and status: ERR_CHECK when their CRC-32 does not match.
+/// frame: likewise; one of less than NATIVE_FRAME_BYTES says nothing about the clock. Native frame, pairs and
+/// status: ERR_CHECK when a CRC-32 of theirs does not match.
 int image_stock_decode(bytes_t in, image_stock_t *header);
 int native_frame_decode(bytes_t in, native_frame_t *frame);
 /// `frame_low` gets the low 16 bits of the frame number; `body` views `in` and is never empty.

@@ -4,22 +4,11 @@
 
 #include <string.h>
 
-/// Of the messages on UART1, by gap8_firmware_t.
-static uint8_t listens_for(uint8_t firmware) {
-    switch (firmware) {
-    case GAP8_PAPER:
-        return UART1_PAPER;
-    case GAP8_NANOCOCKPIT:
-        return UART1_NANOCOCKPIT;
-    default:
-        return UART1_STAMP;
-    }
-}
-
 int gap8_init(gap8_t *self, const gap8_config_t *config, instant_t now) {
     if (native_camera_check(&config->camera) != 0 || config->firmware > GAP8_NANOCOCKPIT ||
         (config->firmware == GAP8_NANOCOCKPIT && config->camera.encoding != IMAGE_RAW) ||
-        config->stamp_bits > 64 || config->width > IMAGE_SIDE_MAX || config->height > IMAGE_SIDE_MAX ||
+        config->stamp_bits > 64 || (config->stamp_bits > 0 && config->stamp_bits < 32) ||
+        config->width > IMAGE_SIDE_MAX || config->height > IMAGE_SIDE_MAX ||
         (config->width > 0 && config->height == 0)) {
         return ERR_VALUE;
     }
@@ -30,7 +19,7 @@ int gap8_init(gap8_t *self, const gap8_config_t *config, instant_t now) {
     self->capturing = -1;
     self->sending = -1;
     self->capture_next_us = now.up_us;
-    uart1_rx_init(&self->stamp_rx, listens_for(config->firmware));
+    gap8_times_init(self);
     return 0;
 }
 

@@ -11,6 +11,7 @@
 #ifndef SPINDECK_GAP8_APP_H
 #define SPINDECK_GAP8_APP_H
 
+#include "../core/clock.h"
 #include "../core/cpx_link.h"
 #include "../core/image.h"
 #include "../core/uart1.h"
@@ -50,13 +51,16 @@ enum {
 };
 
 typedef struct {
-    uint16_t width;         ///< pixels; 0: no camera
-    uint16_t height;        ///< pixels
-    uint32_t line_time_ns;  ///< GAP8 time from row to row
-    native_camera_t camera; ///< settings at boot; must pass native_camera_check
-    uint8_t stamp_bits;     ///< width of the stamp clock, for elapsed times across its wrap; 0 means 64
-    uint8_t firmware;       ///< gap8_firmware_t
-    uint8_t paper;          ///< GAP8_PAPER only: sum of GAP8_PAPER_ flags
+    uint16_t width;            ///< pixels; 0: no camera
+    uint16_t height;           ///< pixels
+    uint32_t line_time_ns;     ///< GAP8 time from row to row
+    native_camera_t camera;    ///< settings at boot; must pass native_camera_check
+    uint32_t stamp_tick_ns;    ///< step of the stamp clock; 0: 1000
+    uint32_t frame_latency_us; ///< after the end of frame 99 % of frames find the stamp clock read
+    uint8_t
+        stamp_bits;   ///< width of the stamp clock, 32 or more, for elapsed times across its wrap; 0 means 64
+    uint8_t firmware; ///< gap8_firmware_t
+    uint8_t paper;    ///< GAP8_PAPER only: sum of GAP8_PAPER_ flags
     bool nanocockpit_check; ///< GAP8_NANOCOCKPIT only: buffers go with a CRC-32; as released they do not
     bool stream_always;     ///< stream without waiting for WIFI_CLIENT_CONNECTED
 } gap8_config_t;
@@ -89,7 +93,8 @@ typedef struct {
     paper_stamp_t paper_last;
     nanocockpit_state_t state_last;
     uint64_t stamp_last_gap8_us; ///< stamp clock when it came in
-    native_pair_t pairs[512];    ///< ring
+    clock_track_t clock;
+    native_pair_t pairs[512]; ///< ring
     uint16_t pairs_head;
     uint16_t pairs_fill;
     gap8_slot_t slots[3];

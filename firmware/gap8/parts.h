@@ -16,11 +16,14 @@ static inline bool gap8_takes_turns(const gap8_t *self) {
     return self->config.firmware == GAP8_PAPER && (self->config.paper & GAP8_PAPER_OVERLAP) == 0;
 }
 
+/// Knows no time yet.
+void gap8_times_init(gap8_t *self);
+
 /// What came in on UART1; `stamp_us` is the time of its last stop bit.
 void gap8_times_receive(gap8_t *self, bytes_t in, uint64_t stamp_us);
 
 /// The times of a frame that has ended now, into the slot's header of its firmware.
-void gap8_times_set(const gap8_t *self, uint64_t stamp_us, gap8_slot_t *slot);
+void gap8_times_set(gap8_t *self, uint64_t stamp_us, gap8_slot_t *slot);
 
 /// Settings that have passed native_camera_check, from the next burst on.
 void gap8_captures_set(gap8_t *self, const native_camera_t *camera, uint64_t now_us);

@@ -7,6 +7,28 @@ enum {
     PAPER_STAMP_US = 3472, ///< 40 bytes at 115200 Bd
 };
 
+/// Of the messages on UART1, by gap8_firmware_t.
+static uint8_t listens_for(uint8_t firmware) {
+    switch (firmware) {
+    case GAP8_PAPER:
+        return UART1_PAPER;
+    case GAP8_NANOCOCKPIT:
+        return UART1_NANOCOCKPIT;
+    default:
+        return UART1_STAMP;
+    }
+}
+
+void gap8_times_init(gap8_t *self) {
+    uart1_rx_init(&self->stamp_rx, listens_for(self->config.firmware));
+    const clock_known_t known = {
+        .tick_ns = self->config.stamp_tick_ns,
+        .delay_ns = CLOCK_STAMP_WIRE_NS,
+        .latency_us = self->config.frame_latency_us,
+    };
+    clock_track_init(&self->clock, &known);
+}
+
 static void add_pair(gap8_t *self, const stamp_t *stamp, uint64_t gap8_us) {
     if (self->pairs_fill == GAP8_PAIRS_MAX) {
         self->pairs_head = (uint16_t)((self->pairs_head + 1) % GAP8_PAIRS_MAX);
@@ -24,6 +46,7 @@ static void take_stamp(gap8_t *self, const stamp_t *stamp, uint64_t stamp_us) {
         self->stamps_missed += gap;
     }
     self->stamp_last = *stamp;
+    clock_track_take(&self->clock, stamp->stm32_us, stamp_us, stamp->epoch);
     add_pair(self, stamp, stamp_us);
 }
 
@@ -63,21 +86,30 @@ static uint64_t elapsed_us(const gap8_t *self, uint64_t gap8_us) {
     return (gap8_us - self->stamp_last_gap8_us) & wrap_mask;
 }
 
-/// The last stamp, and what has passed on the GAP8's clock since it came in.
-static void set_native(const gap8_t *self, uint64_t frame_gap8_us, native_frame_t *header) {
-    header->frame_gap8_us = frame_gap8_us;
-    header->bound_us = UINT32_MAX;
+static uint32_t stamp_age_us(const gap8_t *self, uint64_t gap8_us) {
     if (!self->stamp_valid) {
-        header->flags = FRAME_REFUSED | FRAME_COLD;
-        header->stamp_age_us = UINT32_MAX;
-        return;
+        return UINT32_MAX;
     }
-    const uint64_t age_us = elapsed_us(self, frame_gap8_us);
-    header->flags = FRAME_HAS_ESTIMATE;
-    header->frame_stm32_us = self->stamp_last.stm32_us + age_us;
-    header->epoch = self->stamp_last.epoch;
+    const uint64_t age_us = elapsed_us(self, gap8_us);
+    return age_us < UINT32_MAX ? (uint32_t)age_us : UINT32_MAX - 1;
+}
+
+/// What the clock tracker says.
+static void set_native(gap8_t *self, uint64_t frame_gap8_us, native_frame_t *header) {
+    clock_time_t time;
+    clock_track_stamp(&self->clock, frame_gap8_us, &time);
+    header->flags = time.flags;
+    header->frame_gap8_us = frame_gap8_us;
+    header->frame_stm32_us = time.stm32_us;
+    header->bound_us = time.bound_us;
+    header->epoch = time.epoch;
     header->stamp_sequence = self->stamp_last.sequence;
-    header->stamp_age_us = age_us < UINT32_MAX ? (uint32_t)age_us : UINT32_MAX - 1;
+    header->stamp_age_us = stamp_age_us(self, frame_gap8_us);
+    header->window_us = time.window_us;
+    header->window_stamps = time.window_count;
+    header->delay_us = time.mean_us;
+    header->skew_ppb = time.skew_ppb;
+    header->latency_us = time.latency_us;
 }
 
 /// From the middle of exposure of the middle row to the end of frame.
@@ -104,7 +136,7 @@ static uint32_t paper_ms(const gap8_t *self, uint64_t frame_gap8_us, const nativ
     return (uint32_t)((time_us + (floored ? 0 : MS_US / 2)) / MS_US);
 }
 
-void gap8_times_set(const gap8_t *self, uint64_t stamp_us, gap8_slot_t *slot) {
+void gap8_times_set(gap8_t *self, uint64_t stamp_us, gap8_slot_t *slot) {
     const native_frame_t *frame = &slot->header;
     const image_stock_t image = {frame->width, frame->height, frame->depth, frame->encoding,
                                  frame->body_bytes};

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from .stream_loop import Robot
 
 
+USUAL_FLAGS = ("HAS_ESTIMATE", "HAS_BOUND", "QUANTISED")
+"""Of a native frame: they say that there is a time, and what its clock is. The others tell of something."""
+
+
 class JsonLines:
     """Every event as a line on stdout, then a summary line per robot."""
 
@@ -132,11 +136,21 @@ def last_time(frame: Frame | None) -> str:
     """When the last frame was taken, on the clock that says so."""
     if frame is None:
         return "no frame yet"
+    flags = warnings(frame)
     if frame.frame_stm32_us is not None:
-        return f"last frame at STM32 {frame.frame_stm32_us / 1e6:.6f} s"
+        bound = "" if frame.native is None or frame.native.bound_us is None else f" ± {frame.native.bound_us} us"
+        return f"last frame at STM32 {frame.frame_stm32_us / 1e6:.6f} s{bound}{flags}"
+    if frame.native:
+        return f"last frame without a time{flags}"
     if frame.nanocockpit:
         return f"last frame at GAP8 {frame.nanocockpit.frame_gap8_us / 1e6:.6f} s"
     return "no stamps"
+
+
+def warnings(frame: Frame) -> str:
+    """Flags of a native frame's time that say how it came about; empty if nothing is the matter."""
+    names = [name for name in (frame.native.flag_names if frame.native else ()) if name not in USUAL_FLAGS]
+    return f" ({', '.join(names).lower().replace('_', ' ')})" if names else ""
 
 
 def summary_lines(summary: dict[str, Any]) -> list[str]:
@@ -160,10 +174,18 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
         lines.append(f"firmware    {of}")
     if summary["stamps"]:
         lines.append(f"stamps      {summary['stamps']} messages of the STM32")
+    if times := summary["times"]:
+        named = ", ".join(f"{count} {name.lower().replace('_', ' ')}" for name, count in times["flags"].items())
+        lines.append(
+            f"times       {times['given']} of {times['of']} frames"
+            + (f", good to ± {times['bound_us_median']:.0f} us (median)" if times["given"] else "")
+            + (f"; {named}" if named else "")
+        )
     error = summary["stamp_error_us"]
     if error:
         lines.append(
             f"stamp error {error['mean']:+.0f} us mean, {error['sd']:.0f} us sd, {error['worst']:+.0f} us worst "
             f"against the simulation's truth, over {error['n']} frames"
+            + (f", {error['within']} of {error['bounded']} within their bound" if error["bounded"] else "")
         )
     return lines

@@ -9,9 +9,11 @@ from __future__ import annotations
 import contextlib
 import math
 import queue
+import statistics
 import tempfile
 import threading
 import time
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,12 +25,13 @@ from ..protocol.errors import ConnectionLostError, LocalError, PeerSilentError, 
 from . import EXIT_INTERRUPTED
 from .interrupt import Interrupt
 from .keep import Keeper, new_folder, save_picture
-from .show import JsonLines, Terminal
+from .show import USUAL_FLAGS, JsonLines, Terminal
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
+    from host.link.records import NativeHeader
     from host.link.stream import Stream
     from host.link.track import Track
     from sim.truth import Stamped
@@ -49,12 +52,17 @@ class Robot:
     keeper: Keeper | None = None
     track: Track | None = None
     frames: int = 0
+    native_frames: int = 0
     first_ns: int | None = None
     last_ns: int = 0
     first_frame_ns: int = 0
     last_frame: Frame | None = None
     stamped: list[Stamped] = field(default_factory=list)
     """Of the frames with an estimate, kept where there is a truth to compare."""
+    bounds_us: list[int] = field(default_factory=list)
+    """Of the native frames with one."""
+    flags: Counter[str] = field(default_factory=Counter)
+    """Of native frames, but those that most have."""
     ended: bool = False
     error: Exception | None = None
     """What ended its thread; anything but a SpindeckError is a bug and is raised as it is."""
@@ -75,10 +83,31 @@ class Robot:
                 from sim.truth import stamped
 
                 self.stamped += stamped([event])
+            if event.native:
+                self.take_time(event.native)
             if self.keeper:
                 self.keeper.frame(event)
         elif isinstance(event, LostFrame) and self.keeper:
             self.keeper.broken(event)
+
+    def take_time(self, native: NativeHeader) -> None:
+        """What the robot says of a frame's time."""
+        self.native_frames += 1
+        if native.bound_us is not None:
+            self.bounds_us.append(native.bound_us)
+        self.flags.update(name for name in native.flag_names if name not in USUAL_FLAGS)
+
+    @property
+    def times(self) -> dict[str, Any] | None:
+        """Native frames with a bound, its median, and the others' and their own flags; None without such frames."""
+        if not self.native_frames:
+            return None
+        return {
+            "given": len(self.bounds_us),
+            "of": self.native_frames,
+            "bound_us_median": statistics.median(self.bounds_us) if self.bounds_us else None,
+            "flags": dict(self.flags),
+        }
 
     @property
     def seconds(self) -> float:
@@ -118,6 +147,7 @@ class Robot:
             "garbage_bytes": counters.garbage_bytes,
             "stamps": counters.stamps + counters.pairs,
             "reconnects": self.stream.reconnects,
+            "times": self.times,
             "stamp_error_us": self.stamp_error_us(),
             "recorded": None if self.track is None else self.track.summary(),
             "error": None if self.error is None else str(self.error),

@@ -18,6 +18,7 @@ from .records import (
     NanocockpitHeader,
     NanocockpitStamp,
     NanocockpitState,
+    NativeClock,
     NativeHeader,
     Packet,
     PaperHeader,
@@ -60,6 +61,14 @@ FRAME_COUNTERS = (
     "packets_dropped",
 )
 STATUS_COUNTERS = tuple(name for name, _ in ffi.typeof("native_status_t").fields if name != "up_us")
+FLAGS = {
+    name.removeprefix("FRAME_"): getattr(lib, name)
+    for name in (
+        *["FRAME_HAS_ESTIMATE", "FRAME_HAS_BOUND", "FRAME_COLD", "FRAME_HOLDOVER", "FRAME_QUARANTINE", "FRAME_STUCK"],
+        *["FRAME_EPOCH_NEW", "FRAME_BEFORE_EPOCH", "FRAME_QUANTISED", "FRAME_REFUSED"],
+    )
+}
+CLOCK_FIELDS = ("window_us", "window_stamps", "delay_us", "skew_ppb", "latency_us")
 NO_STAMP_YET = 0xFFFFFFFF
 NO_ZERO = 0xFFFFFFFF
 STATE_FIELDS = tuple(name for name, _ in ffi.typeof("nanocockpit_state_t").fields)
@@ -99,6 +108,7 @@ def native_header(header: Any) -> NativeHeader:
     return NativeHeader(
         frame=header.frame,
         flags=flags,
+        flag_names=tuple(name for name, flag in FLAGS.items() if flags & flag),
         body_crc32=header.body_crc32,
         frame_gap8_us=header.frame_gap8_us,
         frame_stm32_us=header.frame_stm32_us if flags & lib.FRAME_HAS_ESTIMATE else None,
@@ -111,6 +121,7 @@ def native_header(header: Any) -> NativeHeader:
         line_time_ns=header.line_time_ns,
         stamp_sequence=header.stamp_sequence,
         stamp_age_us=None if header.stamp_age_us == NO_STAMP_YET else header.stamp_age_us,
+        clock=NativeClock(*(getattr(header, name) for name in CLOCK_FIELDS)) if header.window_stamps else None,
         counters={name: getattr(header, name) for name in FRAME_COUNTERS},
     )
 

@@ -23,18 +23,36 @@ PAIR_DTYPE = np.dtype([("sequence", "<u4"), ("stm32_us", "<u8"), ("gap8_us", "<u
 
 
 @dataclass(frozen=True, slots=True)
+class NativeClock:
+    """How the GAP8 came to its estimate of a frame's STM32 time."""
+
+    window_us: int
+    """GAP8 time over which it has used stamp messages."""
+    window_stamps: int
+    """How many."""
+    delay_us: int
+    """Their mean delay, above the smallest. The smallest itself cannot be seen."""
+    skew_ppb: int
+    """How much faster the STM32's stamp clock is than the GAP8's."""
+    latency_us: int
+    """Part of bound_us: by how much the GAP8's clock may have been read late at the end of frame."""
+
+
+@dataclass(frozen=True, slots=True)
 class NativeHeader:
     """The native frame header, field for field (firmware/core/image.h, native_frame_t)."""
 
     frame: int
     flags: int
+    flag_names: tuple[str, ...]
+    """Of `flags`, as in docs/PROTOCOL.md without FRAME_."""
     body_crc32: int
     frame_gap8_us: int
     """GAP8 stamp clock at end of frame, raw."""
     frame_stm32_us: int | None
     """Estimated STM32 stamp clock at end of frame; None when the robot gives none."""
     bound_us: int | None
-    """Of frame_stm32_us, either side; None when the robot gives none."""
+    """Of frame_stm32_us, either side, 99 %; None when the robot gives none."""
     epoch: int
     analog_gain: int
     digital_gain: int
@@ -44,6 +62,8 @@ class NativeHeader:
     line_time_ns: int
     stamp_sequence: int
     stamp_age_us: int | None
+    clock: NativeClock | None
+    """None when the robot says nothing about it: no estimate, or earlier firmware."""
     counters: dict[str, int]
     """The GAP8's counters since its boot, by their names in native_frame_t."""
 

@@ -17,6 +17,7 @@ TIME = np.dtype(
         ("epoch", "u1"),
         ("stm32_us", "u8"),
         ("bound_us", "u4"),
+        ("latency_us", "u4"),
         ("age_us", "u4"),
         ("window_us", "u4"),
         ("window_count", "u4"),

@@ -34,6 +34,12 @@ def stamp(sequence: int, stm32_us: int, epoch: int = 0) -> bytes:
     return b"\xd5\x2a" + body + struct.pack("<H", binascii.crc_hqx(body, 0xFFFF))
 
 
+def stamps(app: App, count: int, stm32_us: int = 0, gap8_us: int = 0, epoch: int = 0, first: int = 0) -> None:
+    """So many, 10 ms apart on both clocks: the first was sent at `stm32_us`, and came at `gap8_us`."""
+    for n in range(count):
+        app.receive("UART1", stamp(first + n, stm32_us + 10_000 * n, epoch), 0, gap8_us + 10_000 * n)
+
+
 def picture(size: int, seed: int = 0) -> bytes:
     return random.Random(seed).randbytes(size)
 
@@ -73,10 +79,10 @@ def ask_native(app: App, data_max: int = 0) -> None:
 
 def frame_message(packet: bytes) -> Any:
     assert packet[:2] == cpx(GAP8, HOST, APP, b"")
-    assert len(packet) == 2 + 104
+    assert len(packet) == 2 + 128
     header = ffi.new("native_frame_t *")
     memory = ffi.from_buffer(packet[2:])
-    assert lib.native_frame_decode((ffi.cast("uint8_t *", memory), 104), header) == 104
+    assert lib.native_frame_decode((ffi.cast("uint8_t *", memory), 128), header) == 128
     return header
 
 

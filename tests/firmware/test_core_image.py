@@ -52,14 +52,20 @@ FRAME_FIELDS = {
     "frames_unsent": 0x97,
     "spi_errors": 0x98,
     "packets_dropped": 0x99,
+    "window_us": 0xA4A3A2A1,
+    "window_stamps": 0xB4B3B2B1,
+    "delay_us": 0xC4C3C2C1,
+    "skew_ppb": -0x01020304,
+    "latency_us": 0xE4E3E2E1,
 }
 FRAME_WIRE = bytes.fromhex(
-    "4e 01 68 00 01 02 03 04 44 01 f4 00 01 00 03 01 d0 34 01 00 11 12 13 14"
+    "4e 01 80 00 01 02 03 04 44 01 f4 00 01 00 03 01 d0 34 01 00 11 12 13 14"
     "11 12 13 14 15 16 17 18 21 22 23 24 25 26 27 28 31 32 33 34 41 42 43 44"
     "51 52 53 54 61 62 63 64 71 72 73 74 81 82 83 84"
     "91 00 00 00 92 00 00 00 93 00 00 00 94 00 00 00 95 00 00 00 96 00 00 00 97 00 00 00 98 00 00 00 99 00 00 00"
-    "47 20 a7 90"
+    "6b 6b 62 f9 a1 a2 a3 a4 b1 b2 b3 b4 c1 c2 c3 c4 fc fc fd fe e1 e2 e3 e4 02 16 a7 9c"
 )
+CLOCK = ["window_us", "window_stamps", "delay_us", "skew_ppb", "latency_us"]
 STATUS_COUNTERS = [
     "frames_forwarded",
     "frames_dropped",
@@ -151,7 +157,8 @@ def test_refusals_leave_the_struct_alone(message: Message, poison: int) -> None:
     out = poisoned(f"{message.name}_t", poison)
     decode = decoder(message)
     for size in range(len(message.wire)):
-        assert decode(message.wire[:size], out) == (lib.ERR_LENGTH if message is STOCK else lib.ERR_SHORT), size
+        has_length = message is STOCK or (message is NATIVE[0] and size >= 104)
+        assert decode(message.wire[:size], out) == (lib.ERR_LENGTH if has_length else lib.ERR_SHORT), size
     assert decode(b"\x00" + message.wire[1:], out) == lib.ERR_START
     if message is STOCK:
         assert decode(message.wire + b"\x00", out) == lib.ERR_LENGTH
@@ -169,6 +176,11 @@ def test_no_bit_of_a_checked_message_may_change(message: Message) -> None:
         wire[bit // 8] ^= 1 << bit % 8
         assert decoder(message)(bytes(wire), out) == lib.ERR_CHECK, bit
     assert untouched(out, 0xA5)
+
+
+def sealed_frame(wire: bytes) -> bytes:
+    """With both its checks set right."""
+    return sealed(sealed(wire[:100]) + wire[104:124]) + wire[128:]
 
 
 PICTURES = [
@@ -202,7 +214,7 @@ def test_what_a_picture_can_be(width: int, height: int, depth: int, encoding: in
     native = bytearray(FRAME_WIRE)
     native[8:14] = geometry
     native[16:20] = size.to_bytes(4, "little")
-    for wire, message in ((stock, STOCK), (sealed(bytes(native[:-4])), NATIVE[0])):
+    for wire, message in ((stock, STOCK), (sealed_frame(bytes(native)), NATIVE[0])):
         out = poisoned(f"{message.name}_t", 0xA5)
         assert decoder(message)(wire, out) == (len(wire) if good else lib.ERR_VALUE), message.name
         assert good or untouched(out, 0xA5)
@@ -210,23 +222,29 @@ def test_what_a_picture_can_be(width: int, height: int, depth: int, encoding: in
 
 @pytest.mark.parametrize(
     ("stated", "size", "result"),
-    [(104, 104, 104), (105, 105, 105), (120, 130, 120), (103, 130, -3), (0, 104, -3), (105, 104, -3), (65535, 130, -3)],
+    [
+        *[(104, 104, 104), (105, 105, 105), (127, 158, 127), (128, 128, 128), (129, 129, 129), (140, 158, 140)],
+        *[(103, 158, -3), (0, 104, -3), (105, 104, -3), (128, 127, -3), (65535, 158, -3)],
+    ],
 )
 def test_native_frame_says_how_long_its_header_is(stated: int, size: int, result: int) -> None:
-    wire = sealed(FRAME_WIRE[:2] + stated.to_bytes(2, "little") + FRAME_WIRE[4:-4]) + bytes(30)
-    assert decoder(NATIVE[0])(wire[:size], ffi.new("native_frame_t *")) == result
+    wire = sealed_frame(FRAME_WIRE[:2] + stated.to_bytes(2, "little") + FRAME_WIRE[4:]) + bytes(30)
+    out = ffi.new("native_frame_t *")
+    assert decoder(NATIVE[0])(wire[:size], out) == result
     assert lib.ERR_LENGTH == -3
+    clock = {name: getattr(out, name) for name in CLOCK}
+    assert clock == {name: FRAME_FIELDS[name] if result >= 128 else 0 for name in CLOCK}
 
 
 @pytest.mark.parametrize(
     ("dialect", "data_max", "good"),
     [
         (0, 0, True),
-        (1, 104, True),
+        (1, 128, True),
         (1, 1020, True),
         (2, 0, False),
-        (255, 104, False),
-        (1, 103, False),
+        (255, 128, False),
+        (1, 127, False),
         (1, 1021, False),
     ],
 )

@@ -20,9 +20,13 @@ from gap8_rig import (
     request,
     sent,
     stamp,
+    stamps,
 )
 
 from host.native import lib
+
+WIRE_US = 1477
+"""A stamp message's."""
 
 
 def test_known_packets_without_an_answer() -> None:
@@ -79,9 +83,12 @@ def test_without_a_stamp_the_time_is_refused() -> None:
 def test_elapsed_time_crosses_the_wrap_of_the_stamp_clock() -> None:
     app = gap8(stamp_bits=32)
     ask_native(app)
-    app.receive("UART1", stamp(0, 500), 0, 2**32 - 100)
-    header = header_after(app, 900)
-    assert (header.stamp_age_us, header.frame_stm32_us) == (1000, 1500)
+    start_us = 2**32 - 300_000
+    for n in range(31):
+        app.receive("UART1", stamp(n, 500 + 10_000 * n), 0, (start_us + WIRE_US + 10_000 * n) % 2**32)
+    header = header_after(app, (start_us + 320_000) % 2**32)
+    assert header.stamp_age_us == 20_000 - WIRE_US
+    assert abs(header.frame_stm32_us - 320_500) <= header.bound_us < 300
 
 
 def test_a_very_old_stamp_is_not_none() -> None:
@@ -89,7 +96,42 @@ def test_a_very_old_stamp_is_not_none() -> None:
     ask_native(app)
     app.receive("UART1", stamp(0, 500), 0, 0)
     header = header_after(app, 2**33)
-    assert (header.stamp_age_us, header.frame_stm32_us) == (NONE_YET - 1, 2**33 + 500)
+    assert (header.stamp_age_us, header.bound_us) == (NONE_YET - 1, NONE_YET)
+    assert header.flags & (lib.FRAME_REFUSED | lib.FRAME_HAS_ESTIMATE) == lib.FRAME_REFUSED
+
+
+def test_the_time_of_a_frame_is_the_stamps_less_their_time_on_the_wire() -> None:
+    app = gap8(frame_latency_us=50)
+    ask_native(app)
+    stamps(app, 200, stm32_us=7_000_000, gap8_us=1_000_000 + WIRE_US, epoch=3)
+    header = header_after(app, 2_995_000)
+    assert header.flags == lib.FRAME_HAS_ESTIMATE | lib.FRAME_HAS_BOUND
+    assert abs(header.frame_stm32_us - 8_995_000) <= 5
+    assert (header.epoch, header.stamp_sequence, header.latency_us) == (3, 199, 50)
+    assert 50 < header.bound_us < 70
+    assert header.window_stamps > 100
+    assert 1_000_000 < header.window_us < 2_000_000
+    assert header.skew_ppb == 0
+    assert header.delay_us < 200, "it began with a guess of 500"
+
+
+def test_steps_of_the_stamp_clock_are_in_the_bound() -> None:
+    app = gap8(stamp_tick_ns=30_518)
+    ask_native(app)
+    stamps(app, 200, gap8_us=WIRE_US)
+    header = header_after(app, 1_995_000)
+    assert header.flags & lib.FRAME_QUANTISED
+    assert 30 < header.bound_us < 70
+
+
+def test_stamps_that_stay_away_are_told_and_then_refused() -> None:
+    app = gap8()
+    ask_native(app)
+    stamps(app, 200, gap8_us=WIRE_US)
+    after = [header_after(app, 2_000_000 + age_us) for age_us in (0, 300_000, 9_000_000, 11_000_000)]
+    assert [bool(header.flags & lib.FRAME_HOLDOVER) for header in after] == [False, True, True, True]
+    assert [bool(header.flags & lib.FRAME_REFUSED) for header in after] == [False, False, False, True]
+    assert after[0].bound_us < after[1].bound_us < after[2].bound_us
 
 
 @pytest.mark.parametrize("pieces", range(1, 34))
@@ -125,17 +167,19 @@ def test_gaps_in_the_sequence_are_missed_stamps(sequences: list[int], missed: in
 def test_a_new_epoch_is_not_a_gap() -> None:
     app = gap8()
     ask_native(app)
-    for message in (stamp(5, 9_000_000, 0), stamp(6, 12, 1)):
-        app.receive("UART1", message, 0, 100)
-    header = header_after(app, 200)
-    assert (header.epoch, header.frame_stm32_us, header.stamps_missed) == (1, 112, 0)
+    stamps(app, 100, stm32_us=9_000_000, gap8_us=WIRE_US)
+    stamps(app, 100, stm32_us=12, gap8_us=1_000_000 + WIRE_US, epoch=1, first=100)
+    header = header_after(app, 2_000_000)
+    assert (header.epoch, header.stamps_missed) == (1, 0)
+    assert abs(header.frame_stm32_us - 1_000_012) <= 10
+    assert header.flags & lib.FRAME_EPOCH_NEW
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_under_random_traffic_nothing_is_lost_without_a_count(seed: int) -> None:
     rng = random.Random(seed)
     app = gap8(camera={"burst": rng.randrange(1, 4), "frame_period_us": rng.choice([0, 3000])})
-    windows = [CONNECTED, GONE, camera_request(), request(16, struct.pack("<BBH", 1, 0, 104)), bytes(8), b"\x07"]
+    windows = [CONNECTED, GONE, camera_request(), request(16, struct.pack("<BBH", 1, 0, 128)), bytes(8), b"\x07"]
     command = b""
     for step in range(3000):
         now_us = step * 1000

@@ -16,7 +16,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     bytes_t in = {data, size};
     static const uint32_t TICKS_NS[] = {0, 1000, 30518, 1000000};
     clock_track_t track;
-    clock_track_init(&track, &(clock_known_t){TICKS_NS[take_byte(&in) % 4U], CLOCK_STAMP_WIRE_NS});
+    clock_track_init(&track,
+                     &(clock_known_t){TICKS_NS[take_byte(&in) % 4U], CLOCK_STAMP_WIRE_NS, take_byte(&in)});
     uint64_t stm32_us = take_step(&in);
     uint64_t gap8_us = take_step(&in);
     while (in.size > 0) {

@@ -5,9 +5,10 @@
 #include "firmware/core/checks.h"
 #include "firmware/core/image.h"
 
-/// Decodes `in` as one type of message and claims what the first line says. `spare` to `spare_end` is not
-/// judged, nor what comes from `end` on: the check of a message whose spare bytes are in use.
-#define ROUND_TRIP(type, bytes, spare, spare_end, end)                                                       \
+/// Decodes `in` as one type of message, of `least` bytes or more, and claims what the first line says.
+/// `spare` to `spare_end` is not judged, nor what comes from `end` on: the check of a message whose spare
+/// bytes are in use.
+#define ROUND_TRIP(type, bytes, least, spare, spare_end, end)                                                \
     static void type##_round_trip(bytes_t in) {                                                              \
         type##_t read;                                                                                       \
         memset(&read, POISON, sizeof read);                                                                  \
@@ -16,19 +17,33 @@
             CLAIM(untouched(&read, sizeof read));                                                            \
             return;                                                                                          \
         }                                                                                                    \
-        CLAIM(used >= (bytes) && (size_t)used <= in.size);                                                   \
+        CLAIM(used >= (least) && (size_t)used <= in.size);                                                   \
         uint8_t out[bytes];                                                                                  \
         type##_encode(&read, out);                                                                           \
         CLAIM(memcmp(out, in.data, spare) == 0);                                                             \
         CLAIM(memcmp(out + (spare_end), in.data + (spare_end), (end) - (spare_end)) == 0);                   \
     }
 
-ROUND_TRIP(image_stock, IMAGE_STOCK_BYTES, 0, 0, IMAGE_STOCK_BYTES)
-ROUND_TRIP(native_frame, NATIVE_FRAME_BYTES, 2, 4, 100) // the length of the header may be larger
-ROUND_TRIP(native_status, NATIVE_STATUS_BYTES, 2, 4, 60)
-ROUND_TRIP(native_stream, NATIVE_STREAM_BYTES, 3, 4, NATIVE_STREAM_BYTES)
-ROUND_TRIP(native_camera, NATIVE_CAMERA_BYTES, 7, 8, NATIVE_CAMERA_BYTES)
-ROUND_TRIP(native_reply, NATIVE_REPLY_BYTES, 0, 0, NATIVE_REPLY_BYTES)
+ROUND_TRIP(image_stock, IMAGE_STOCK_BYTES, IMAGE_STOCK_BYTES, 0, 0, IMAGE_STOCK_BYTES)
+// The length of the header may be another.
+ROUND_TRIP(native_frame, NATIVE_FRAME_BYTES, NATIVE_FRAME_SHORT_BYTES, 2, 4,
+           NATIVE_FRAME_SHORT_BYTES - NATIVE_CHECK_BYTES)
+ROUND_TRIP(native_status, NATIVE_STATUS_BYTES, NATIVE_STATUS_BYTES, 2, 4, 60)
+ROUND_TRIP(native_stream, NATIVE_STREAM_BYTES, NATIVE_STREAM_BYTES, 3, 4, NATIVE_STREAM_BYTES)
+ROUND_TRIP(native_camera, NATIVE_CAMERA_BYTES, NATIVE_CAMERA_BYTES, 7, 8, NATIVE_CAMERA_BYTES)
+ROUND_TRIP(native_reply, NATIVE_REPLY_BYTES, NATIVE_REPLY_BYTES, 0, 0, NATIVE_REPLY_BYTES)
+
+/// Of a frame that is long enough, what comes after its first check too.
+static void clock_round_trip(bytes_t in) {
+    native_frame_t read;
+    if (native_frame_decode(in, &read) < NATIVE_FRAME_BYTES) {
+        return;
+    }
+    uint8_t out[NATIVE_FRAME_BYTES];
+    native_frame_encode(&read, out);
+    const size_t clock = NATIVE_FRAME_BYTES - NATIVE_CHECK_BYTES - NATIVE_FRAME_SHORT_BYTES;
+    CLAIM(memcmp(out + NATIVE_FRAME_SHORT_BYTES, in.data + NATIVE_FRAME_SHORT_BYTES, clock) == 0);
+}
 
 static void data_round_trip(bytes_t in) {
     uint16_t frame_low;
@@ -78,8 +93,11 @@ static void sealed_round_trips(bytes_t in) {
     }
     const bytes_t made = {message, in.size};
     memcpy(message, in.data, in.size);
-    if (seal(message, in.size, NATIVE_FRAME_BYTES - NATIVE_CHECK_BYTES)) {
+    if (seal(message, in.size, NATIVE_FRAME_SHORT_BYTES - NATIVE_CHECK_BYTES)) {
         native_frame_round_trip(made);
+    }
+    if (seal(message, in.size, NATIVE_FRAME_BYTES - NATIVE_CHECK_BYTES)) {
+        clock_round_trip(made);
     }
     memcpy(message, in.data, in.size);
     if (seal(message, in.size, NATIVE_STATUS_BYTES - NATIVE_CHECK_BYTES)) {

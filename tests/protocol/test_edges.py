@@ -62,8 +62,9 @@ def cases() -> Iterator[Case]:
     yield "stock header", stock + b"\0", False
 
     frame = encode(BY_NAME["native frame"], {"width": 1, "height": 1, "depth": 1, "body_bytes": 1}, 0)
-    yield from starts("native frame", frame, 104)
-    for header_bytes, more, accepted in ((103, 0, False), (104, 5, True), (105, 0, False), (105, 1, True)):
+    yield from starts("native frame", frame, 128)
+    short = ((103, 0, False), (104, 0, True), (127, 0, True))
+    for header_bytes, more, accepted in (*short, (128, 5, True), (129, 0, False), (129, 1, True)):
         wire = repair_frame(frame[:2] + bytes([header_bytes, 0]) + frame[4:])
         yield "native frame", wire + bytes(more), accepted
 
@@ -80,7 +81,7 @@ def cases() -> Iterator[Case]:
     yield from starts("native stream", bytes([0x4E, 16]) + bytes(4), 2)
     for dialect, accepted in ((1, True), (2, False), (255, False)):
         yield "native stream", bytes([0x4E, 16, dialect, 9, 0, 0]), accepted
-    for data_max, accepted in ((1, False), (103, False), (104, True), (1020, True), (1021, False), (65535, False)):
+    for data_max, accepted in ((1, False), (127, False), (128, True), (1020, True), (1021, False), (65535, False)):
         yield "native stream", bytes([0x4E, 16, 1, 0]) + data_max.to_bytes(2, "little"), accepted
 
     for length, accepted in ((0, True), (1, False), (2, True), (100, True), (101, False), (255, False)):

@@ -112,7 +112,7 @@ def test_a_frame_without_a_number_is_found_by_its_picture():
     pictures = {77: [1], 88: [2], 99: [7]}
 
     def error(stm32_us, crc, arrival_ns):
-        (found,) = errors_us([Stamped(stm32_us, None, crc, arrival_ns)], truth, 48, pictures)
+        (found,) = errors_us([Stamped(stm32_us, None, body_crc32=crc, arrival_ns=arrival_ns)], truth, 48, pictures)
         return found
 
     assert error(3_099_000, 77, 10**9) == -1000

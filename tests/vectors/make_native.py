@@ -16,6 +16,7 @@ FRAME |= {"bound_us": 42, "epoch": 7, "analog_gain": 8, "digital_gain": 64, "bur
 FRAME |= {"line_time_ns": 62700, "stamp_sequence": 4000000000, "stamp_age_us": 4294967295, "stamps_received": 9}
 FRAME |= {"stamps_missed": 10, "stamps_bad": 11, "pairs_lost": 12, "captures_failed": 13, "captures_late": 14}
 FRAME |= {"frames_unsent": 15, "spi_errors": 16, "packets_dropped": 17}
+CLOCK = {"window_us": 8000000, "window_stamps": 799, "delay_us": 501, "skew_ppb": -11764706, "latency_us": 93}
 PAIRS = [{"sequence": 5, "stm32_us": 2**40 + 1, "gap8_us": 2**41 + 2, "epoch": 0}]
 PAIRS += [{"sequence": 2**32 - 1, "stm32_us": 2**64 - 1, "gap8_us": 0, "epoch": 255}]
 COUNTERS = "frames_forwarded frames_dropped frames_cut packets_forwarded packets_dropped packets_unroutable"
@@ -33,7 +34,14 @@ def sealed(message):
 
 
 MESSAGES = [
-    ("native frame", FRAME, sealed(struct.pack("<BBHIHHBBHIIQQIBBBBIIIIIIIIIIIII", 0x4E, 1, 104, *FRAME.values()))),
+    (
+        "native frame",
+        FRAME | CLOCK,
+        sealed(
+            sealed(struct.pack("<BBHIHHBBHIIQQIBBBBIIIIIIIIIIIII", 0x4E, 1, 128, *FRAME.values()))
+            + struct.pack("<IIIiI", *CLOCK.values())
+        ),
+    ),
     (
         "native data",
         {"frame_low": 70000 % 65536, "offset": 1012},

@@ -11,8 +11,10 @@ from construct import (
     ExprAdapter,
     FocusedSeq,
     GreedyBytes,
+    IfThenElse,
     Int8ul,
     Int16ul,
+    Int32sl,
     Int32ul,
     Int64ul,
     OneOf,
@@ -40,13 +42,13 @@ KINDS = (
 FLAGS = (
     Value(1, "FRAME_HAS_ESTIMATE", "frame_stm32_us is set"),
     Value(2, "FRAME_HAS_BOUND", "bound_us is set"),
-    Value(4, "FRAME_COLD", "too few stamps so far"),
-    Value(8, "FRAME_HOLDOVER", "no stamp for a while: the estimate runs on the last rate"),
+    Value(4, "FRAME_COLD", "the first second, or the clocks' rates are not known yet"),
+    Value(8, "FRAME_HOLDOVER", "no stamp for 0.25 s: the estimate runs on the last rate"),
     Value(16, "FRAME_QUARANTINE", "the last stamps contradict the ones before"),
     Value(32, "FRAME_STUCK", "the STM32's time stands still"),
-    Value(64, "FRAME_EPOCH_NEW", "first frame of an epoch"),
+    Value(64, "FRAME_EPOCH_NEW", "the epoch, not the first, is less than 1 s old"),
     Value(128, "FRAME_BEFORE_EPOCH", "the frame is older than the epoch"),
-    Value(256, "FRAME_QUANTISED", "the STM32's time comes in steps coarser than 1 us"),
+    Value(256, "FRAME_QUANTISED", "the GAP8's stamp clock counts in steps of more than 1 us"),
     Value(512, "FRAME_REFUSED", "there is a reason why no estimate is given"),
 )
 
@@ -74,8 +76,8 @@ def sealed(covered: Any, *behind: Any) -> Any:
 FRAME_FIELDS = message(
     1,
     "header_bytes"
-    / Default(OneOf(Int16ul, range(104, 65536)), 104)
-    * "bytes of this message, 104 for what is described here; not more than there are",
+    / Default(OneOf(Int16ul, range(104, 65536)), 128)
+    * "bytes of this message, 128 for what is described here; not more than there are",
     "frame" / Int32ul * "+1 for each frame that the camera completed, sent or not; wraps",
     "width" / SIDE * "pixels, 1..1024",
     "height" / SIDE * "pixels, 1..1024",
@@ -86,7 +88,7 @@ FRAME_FIELDS = message(
     "body_crc32" / Int32ul * "CRC-32 of the body",
     "frame_gap8_us" / Int64ul * "us, GAP8 stamp clock at end of frame, raw",
     "frame_stm32_us" / Int64ul * "us, estimate of the STM32 stamp clock at end of frame",
-    "bound_us" / Int32ul * "us, of the estimate, either side",
+    "bound_us" / Int32ul * "us, of the estimate, either side, 99 %; latency_us is in it",
     "epoch" / Int8ul * "of the STM32 stamp clock, from the stamp message",
     "analog_gain" / Int8ul * "1, 2, 4 or 8",
     "digital_gain" / Int8ul * "1/64",
@@ -106,7 +108,46 @@ FRAME_FIELDS = message(
     "packets_dropped" / Int32ul * "packets dropped by the GAP8, for want of room",
     Check(lambda this: raw_size_ok(this, this.encoding, this.body_bytes)),
 )
-FRAME = sealed(FRAME_FIELDS, Padding(this.covered.value.header_bytes - 104) * "fields of later versions, ignored")
+CLOCK_FIELDS = Struct(
+    "window_us" / Int32ul * "us, what the estimate is from: stamps of so long",
+    "window_stamps" / Int32ul * "and so many; 0: nothing is said, here and in the fields below",
+    "delay_us" / Int32ul * "us, mean delay of the stamps above the smallest",
+    "skew_ppb" / Int32sl * "1e-9, how much faster the STM32's stamp clock is than the GAP8's",
+    "latency_us" / Int32ul * "us, by which the GAP8's clock may have been read late at the end of frame",
+)
+CLOCK = Struct(
+    "covered" / RawCopy(CLOCK_FIELDS),
+    "clock_check32"
+    / Checksum(Int32ul, crc32, lambda this: this._.covered.data + Int32ul.build(this._.check32) + this.covered.data)
+    * "CRC-32 of all before it",
+    Padding(this._.covered.value.header_bytes - 128) * "fields of later versions, ignored",
+)
+
+
+def has_clock(this: Any) -> bool:
+    return bool(this.covered.value.header_bytes >= 128)
+
+
+def whole_frame(found: Any, _: Any) -> Any:
+    clock = found.clock.covered.value if has_clock(found) else dict.fromkeys(each.name for each in CLOCK_FIELDS.subcons)
+    return found.covered.value | clock
+
+
+def parts_of_frame(values: Any, _: Any) -> Any:
+    clock = {each.name: values.get(each.name, 0) for each in CLOCK_FIELDS.subcons}
+    return {"covered": {"value": values}, "clock": {"covered": {"value": clock}}}
+
+
+FRAME = ExprAdapter(
+    Struct(
+        "covered" / RawCopy(FRAME_FIELDS),
+        "check32" / Checksum(Int32ul, crc32, this.covered.data) * "CRC-32 of all before it",
+        "clock" / IfThenElse(has_clock, CLOCK, Padding(this.covered.value.header_bytes - 104)),
+    ),
+    whole_frame,
+    parts_of_frame,
+)
+"""The fields from window_us on came later: a message of less than 128 bytes ends with its first check."""
 
 DATA = message(
     2,
@@ -163,7 +204,7 @@ STREAM = message(
     16,
     "dialect" / OneOf(Int8ul, (0, 1)) * "0 stock, 1 native",
     Padding(1) * "written as 0, ignored",
-    "data_max" / OneOf(Int16ul, (0, *range(104, 1021))) * "longest CPX data wanted, 104..1020 bytes; 0: 1020",
+    "data_max" / OneOf(Int16ul, (0, *range(128, 1021))) * "longest CPX data wanted, 128..1020 bytes; 0: 1020",
 )
 
 CAMERA = message(

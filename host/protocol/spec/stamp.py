@@ -5,7 +5,10 @@ from construct import Checksum, Const, Int8ul, Int16ul, Int32ul, Int64ul, RawCop
 from .checks import crc16
 from .values import Value
 
-TIMES = (Value(10000, "STAMP_PERIOD_US", "us of uptime from message to message"),)
+TIMES = (
+    Value(10000, "STAMP_PERIOD_US", "us of uptime from message to message"),
+    Value(1477381, "CLOCK_STAMP_WIRE_NS", "ns on the wire: 17 x 10 bits of 365 cycles at 42 MHz"),
+)
 
 STAMP = Struct(
     "sync" / Const(b"\xd5\x2a") * "start",

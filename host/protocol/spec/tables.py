@@ -70,7 +70,7 @@ LIMITS: dict[str, tuple[Value, ...]] = {
     "nanocockpit limits": nanocockpit.LIMITS,
 }
 
-NUMBERS = {"B": "u8", "H": "u16", "L": "u32", "Q": "u64", "h": "i16", "f": "f32"}
+NUMBERS = {"B": "u8", "H": "u16", "L": "u32", "Q": "u64", "h": "i16", "l": "i32", "f": "f32"}
 """By the letters of the struct module."""
 MARKED = re.compile(r"(<!-- table: (?P<name>[^>]+?) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -78,9 +78,13 @@ MARKED = re.compile(r"(<!-- table: (?P<name>[^>]+?) -->\n).*?(<!-- end -->)", re
 def unwrap(part: Any) -> Any:
     """The construct that lays out the bytes, inside those that name, check or fill it."""
     layouts = construct.Array | construct.Padded | construct.Transformed
-    while isinstance(part, construct.Subconstruct) and not isinstance(part, layouts):
-        part = part.subcon
-    return part
+    while True:
+        if isinstance(part, construct.IfThenElse):
+            part = part.thensubcon  # the longer form
+        elif isinstance(part, construct.Subconstruct) and not isinstance(part, layouts):
+            part = part.subcon
+        else:
+            return part
 
 
 def fields(part: Any) -> Iterator[Any]:
@@ -128,7 +132,7 @@ def constant(field: Any) -> str:
 
 def plain(expression: str) -> str:
     """(this['length'] - 2) as a person writes it."""
-    named = re.sub(r"this(?:\['covered'\]\['value'\])?\['(\w+)'\]", r"\1", expression)
+    named = re.sub(r"this(?:\['_'\])?(?:\['covered'\]\['value'\])?\['(\w+)'\]", r"\1", expression)
     return named.removeprefix("(").removesuffix(")")
 
 
