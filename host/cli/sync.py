@@ -29,11 +29,16 @@ Else the robots must have heard the same broadcasts of motion capture, and have 
 only changes with a broadcast, in all logs the same values. It is found by itself, or named by --variable (a group, as
 stateEstimate, or more names).
 
+A reset of all clocks by one broadcast shows in logs that it came into; --reset says that it came before. By that
+alone two clocks are the same at 0, but for the packets' spread and their drift since; a robot that has missed it is named.
+Beside beacons or motion capture it is said when each robot has carried it out, and which repeat with --reset-every-us.
+
 Slopes are the second clock's seconds over the first one's, less 1, in ppm; offsets are second less first. For three
 logs and more the closure says whether the slopes agree.
 
 examples:
   host sync robots cf231_00 cf5_00 cf6_00
+  host sync robots cf231_00 cf5_00 --reset
   host sync robots cf231_00 cf5_00 --variable stateEstimate.px,stateEstimate.py,stateEstimate.pz --json
 """
 
@@ -54,6 +59,14 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     stamps.add_argument("--force", action="store_true", help="overwrite OUT and FILE")
     robots = add_verb(verbs, "robots", run_robots, "compare the clocks of robots by their logs", ROBOTS_EXAMPLES)
     robots.add_argument("files", metavar="LOG", nargs="+", help="µSD logs of one run, two or more")
+    robots.add_argument("--reset", action="store_true", help="one broadcast had set all clocks to 0 before these logs")
+    robots.add_argument(
+        "--reset-every-us",
+        dest="every_us",
+        metavar="N",
+        type=float,
+        help="so long from repeat to repeat of that broadcast",
+    )
     robots.add_argument("--variable", metavar="NAMES", help="what was broadcast: variables, joined by commas")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from itertools import combinations
@@ -12,6 +13,7 @@ import numpy as np
 from ..clock.beacons import BEACONS_MIN, Against, Beacons, Between, against_host, between, collect
 from ..protocol.errors import PeerError
 from ..usd.log import Log
+from . import sync_resets
 from .as_json import line
 
 EVENT = "beacon"
@@ -23,7 +25,7 @@ def has_beacons(log: Log) -> bool:
     return rows is not None and len(rows) > 0 and set(VALUES) <= set(rows.data.dtype.names or ())
 
 
-def compare(labels: Sequence[str], logs: Sequence[Log], as_json: bool) -> int:
+def compare(labels: Sequence[str], logs: Sequence[Log], arguments: argparse.Namespace) -> int:
     """Prints what beacons tell of these robots."""
     fits = [against(label, log) for label, log in zip(labels, logs, strict=True)]
     pairs = []
@@ -32,25 +34,43 @@ def compare(labels: Sequence[str], logs: Sequence[Log], as_json: bool) -> int:
         if pair is None:
             raise PeerError(f"{labels[first]} and {labels[second]}: not one beacon in common: logs of two runs?")
         pairs.append(pair)
-    if as_json:
+    if arguments.json:
         for record in records(labels, fits, pairs):
             print(line(record))
     else:
         print("\n".join(lines(labels, fits, pairs)))
+    if arguments.reset or sync_resets.were_reset(logs):
+        sync_resets.tell(labels, logs, [zero(*each) for each in zip(fits, logs, strict=True)], arguments)
     return 0
+
+
+def zero(fit: Against, log: Log) -> tuple[float, float]:
+    """The host's time at which the robot's clock was at 0, and its bound: infinite if not its last reset is meant."""
+    if epoch_of(log) != len(log.epochs) - 1:
+        return 0.0, np.inf
+    host_us = float(fit.beacons.host_us[0])
+    for _ in range(4):
+        offset, bound = fit.at(np.array([host_us]))
+        host_us -= float(host_us + offset[0])
+    return host_us, float(bound[0])
 
 
 def against(label: str, log: Log) -> Against:
     """By the beacons of the epoch that has most of them: between two resets of the robot's clock."""
     rows = log.rows[EVENT]
-    longest = max(rows.epochs, key=len)
-    mine = slice(longest.start, longest.stop)
+    part = rows.epochs[epoch_of(log)]
+    mine = slice(part.start, part.stop)
     sequence, low, high = (rows.data[name][mine].astype(np.int64) for name in VALUES)
     beacons = collect(sequence, low + (high << 32), rows.stamp_us[mine].astype(np.int64))
     fit = against_host(beacons)
     if fit is None:
         raise PeerError(f"{label}: {len(beacons)} beacons of one run of the host; at least {BEACONS_MIN} are needed")
     return fit
+
+
+def epoch_of(log: Log) -> int:
+    parts = log.rows[EVENT].epochs
+    return max(range(len(parts)), key=lambda number: len(parts[number]))
 
 
 def lost(beacons: Beacons) -> int:

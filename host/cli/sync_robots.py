@@ -15,12 +15,14 @@ from ..clock.robots import Heard, Pair, closures, compare
 from ..protocol.errors import LocalError, PeerError
 from ..usd.examine import NEAR, NOMINAL_HZ, Period, best_fit
 from ..usd.log import Log, Rows
+from . import sync_resets
 from .as_json import line
 from .sync_beacons import compare as beacons
 from .sync_beacons import has_beacons
 from .usd import load
 
 FLOATS = "fd"
+SIGMAS = 2.58
 DISTINCT_MIN = 5
 SHARED = 0.9
 """Of a variable's values: so many must be the same in another log to the last bit."""
@@ -34,14 +36,24 @@ def run(arguments: argparse.Namespace) -> int:
     for name, count in Counter(arguments.files).items():
         if count > 1:
             raise LocalError(f"{name}: given {count} times: give the logs of two robots or more")
+    if arguments.every_us is not None and not arguments.every_us > 0:
+        raise LocalError(f"--reset-every-us {arguments.every_us:g}: allowed is more than 0")
     logs = [load(name, examined=False)[0] for name in arguments.files]
     for name, log in zip(arguments.files, logs, strict=True):
         if not log.row_count:
             raise PeerError(f"{name}: no rows: see 'host usd check'")
     labels = labelled(arguments.files)
     if not arguments.variable and all(has_beacons(log) for log in logs):
-        return beacons(labels, logs, arguments.json)
+        return beacons(labels, logs, arguments)
+    reset = arguments.reset or sync_resets.were_reset(logs)
     kind, names = named(logs, arguments.files, arguments.variable) if arguments.variable else shared(logs)
+    if not names and reset:
+        return sync_resets.compare(labels, logs, arguments.json)
+    if not names:
+        raise PeerError(
+            "no variable has the same values in all logs: did the robots hear the same broadcasts, in one run, and log"
+            " them (a pose of motion capture, or an object's that all are told)? Or did all of them log beacons?"
+        )
     heard = [hear(label, log.rows[kind], names) for label, log in zip(labels, logs, strict=True)]
     found = compare(heard)
     pairs = [each for each in found if isinstance(each, Pair)]
@@ -51,12 +63,20 @@ def run(arguments: argparse.Namespace) -> int:
             print(line(record))
     else:
         print("\n".join(lines(heard, names, found, periods)))
+    if reset and len(pairs) == len(found):
+        sync_resets.tell(labels, logs, zeros(pairs), arguments)
     if len(pairs) < len(found):
         missing = next(each for each in found if not isinstance(each, Pair))
         raise PeerError(
             f"{heard[missing[0]].name} and {heard[missing[1]].name}: {missing[2]} broadcasts in common are too few"
         )
     return 0
+
+
+def zeros(pairs: Sequence[Pair]) -> list[tuple[float, float]]:
+    """When each clock was at 0, on the first robot's, and its bound of 99 %."""
+    own = [each for each in pairs if each.first == 0]
+    return [(0.0, 0.0), *((-each.start_us, SIGMAS * each.start_sigma_us) for each in own)]
 
 
 def labelled(files: Sequence[str]) -> list[str]:
@@ -82,7 +102,7 @@ def named(logs: Sequence[Log], files: Sequence[str], wanted: str) -> tuple[str, 
 
 
 def shared(logs: Sequence[Log]) -> tuple[str, list[str]]:
-    """Variables whose values are the same in all logs, to the last bit, as only what was broadcast is."""
+    """Variables whose values are the same in all logs, to the last bit, as only what was broadcast is; maybe none."""
     best: tuple[str, list[str]] = ("", [])
     for kind, rows in logs[0].rows.items():
         if not all(kind in log.rows for log in logs):
@@ -92,11 +112,6 @@ def shared(logs: Sequence[Log]) -> tuple[str, list[str]]:
         chosen = [name for name in names if is_shared([log.rows[kind].data[name] for log in logs])]
         if len(chosen) > len(best[1]):
             best = kind, chosen
-    if not best[1]:
-        raise PeerError(
-            "no variable has the same values in all logs: did the robots hear the same broadcasts, in one run, and log"
-            " them (a pose of motion capture, or an object's that all are told)? Or did all of them log beacons?"
-        )
     return best
 
 

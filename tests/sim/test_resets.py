@@ -1,0 +1,123 @@
+"""A reset of all stamp clocks by broadcast, once or repeated, heard or missed: what `host sync robots` says of it."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "firmware"))
+
+from memory_card import Store
+
+from host.cli import main
+from sim.radio import Air, Radio
+from sim.world import World
+
+ROWS = b"1\n8192\nlog\n1\non:fixedFrequency\n100\n1\npm.vbatMV\n"
+SHUTDOWN = bytes.fromhex("ff 03 59 01 30 94")
+PPM = [120.0, -80.0, 33.0]
+REPEATS = {"repeats": 8, "every_us": 2000}
+
+
+class Flight:
+    """Three robots: boot at different times, 3 s, a reset, the rest; the logs are in `folder`."""
+
+    def __init__(
+        self, folder: Path, air: Air, beacons: bool, seconds: float, seed: int = 3, hears: Any = None, **reset: int
+    ) -> None:
+        world = World("swarm", robots=3, stm32_ppm=PPM, stm32_boot_ms=[0.0, 350.0, 700.0], camera_fps=0, seed=seed)
+        stores = [Store(ROWS + (b"on:beacon\n" if beacons else b"")) for _ in world.robots]
+        for robot, store in zip(world.robots, stores, strict=True):
+            robot.set_storage(store)
+        world.run(3.0)
+        radio = Radio(world, air)
+        if hears is None:
+            self.heard = radio.reset(**reset)
+        else:
+            world.robots[0].reset_stamp_clock("stm32")
+            self.heard = [[0], [], []]
+        if beacons:
+            Radio(world, Air(loss=0.1), seed=2).beacons(seconds, 4.0)
+        else:
+            world.run(seconds)
+        self.stamps = [robot.stamp_us("stm32") for robot in world.robots]
+        for robot in world.robots:
+            robot.inject("uart2_to_stm32", SHUTDOWN)
+        world.run(1.0)
+        self.paths = []
+        for number, store in enumerate(stores):
+            (folder / f"cf{number}").write_bytes(bytes(store.files["log00"]))
+            self.paths.append(str(folder / f"cf{number}"))
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[dict[str, Any]]:
+    capsys.readouterr()
+    assert main(["sync", "robots", *arguments, "--json"]) == 0
+    return [json.loads(each) for each in capsys.readouterr().out.splitlines()]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_reset_alone_is_zero_with_its_spread(seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flight = Flight(tmp_path, Air(), beacons=False, seconds=10.0, seed=seed)
+    pairs = said(capsys, *flight.paths)
+    assert [(each["first"], each["second"], each["offset_us"]) for each in pairs] == [
+        ("cf0", "cf1", 0), ("cf0", "cf2", 0), ("cf1", "cf2", 0),
+    ]  # fmt: skip
+    for each in pairs:
+        a, b = (int(each[name][2:]) for name in ("first", "second"))
+        assert abs(flight.stamps[b] - flight.stamps[a]) < each["bound_us_at_end"]
+        assert each["bound_us_at_end"] == pytest.approx(1400 + 500 * each["span_s"], abs=1)
+    assert main(["sync", "robots", *flight.paths]) == 0
+    table = capsys.readouterr().out
+    assert "cf1: set to 0 when it had counted to 2.6" in table
+
+
+def test_a_robot_that_has_missed_it_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flight = Flight(tmp_path, Air(), beacons=False, seconds=3.0, hears="one")
+    assert main(["sync", "robots", *flight.paths]) == 4
+    error = capsys.readouterr().err
+    assert "cf1 has missed a reset" in error
+    assert "cf0 1, cf1 0, cf2 0" in error
+
+
+def test_with_beacons_it_is_said_when_each_took_it_and_which_repeat(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flight = Flight(tmp_path, Air(loss=0.5, delay_us=60.0), beacons=True, seconds=40.0, seed=11, **REPEATS)
+    last = [heard[-1] for heard in flight.heard]
+    assert len(set(last)) > 1, flight.heard
+    records = [each for each in said(capsys, *flight.paths, "--reset-every-us", "2000") if each["event"] == "reset"]
+    assert [each["repeat"] for each in records] == [each - min(last) for each in last]
+    for each, repeat in zip(records, last, strict=True):
+        assert abs(each["after_us"] - 2000 * (repeat - min(last))) < 500
+        assert each["of_another_packet"] is (repeat > min(last))
+    assert main(["sync", "robots", *flight.paths]) == 0
+    assert "all were set to 0 by a broadcast" in capsys.readouterr().out
+
+
+def test_with_beacons_one_that_missed_it_keeps_its_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flight = Flight(tmp_path, Air(), beacons=True, seconds=30.0, hears="one")
+    records = said(capsys, *flight.paths)
+    assert [each["event"] for each in records] == ["robot"] * 3 + ["pair"] * 3 + ["reset"]
+    assert "cf1 has missed a reset" in records[-1]["not_told"]
+
+
+def test_logs_that_begin_after_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As the paper did: reset, then log. Nothing in them says that there was one."""
+    for name, late_s in (("a", 0.0), ("b", 0.2), ("c", 30.0)):
+        store = Store(ROWS)
+        with World("hover", camera_fps=0, stm32_stamp_start_us=round(late_s * 1e6), seed=ord(name)) as world:
+            world.robots[0].set_storage(store)
+            world.run(2.0)
+            world.robots[0].inject("uart2_to_stm32", SHUTDOWN)
+            world.run(0.5)
+        (tmp_path / name).write_bytes(bytes(store.files["log00"]))
+    a, b, c = (str(tmp_path / name) for name in "abc")
+    assert main(["sync", "robots", a, b]) == 4
+    assert "no variable has the same values" in capsys.readouterr().err
+    assert [each["by"] for each in said(capsys, a, b, "--reset")] == ["reset"]
+    assert main(["sync", "robots", a, b, c, "--reset"]) == 4
+    assert "c has missed the reset, or logged later" in capsys.readouterr().err
+    assert main(["sync", "robots", a, b, "--reset-every-us", "0"]) == 2
