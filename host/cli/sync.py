@@ -30,8 +30,8 @@ only changes with a broadcast, in all logs the same values. It is found by itsel
 stateEstimate, or more names).
 
 A reset of all clocks by one broadcast shows in logs that it came into; --reset says that it came before. By that
-alone two clocks are the same at 0, but for the packets' spread and their drift since; a robot that has missed it is named.
-Beside beacons or motion capture it is said when each robot has carried it out, and which repeat with --reset-every-us.
+alone two clocks are the same at 0, but for the packets' spread and their drift since; who has missed it is named.
+Beside beacons or motion capture it is said when each robot has carried it out, and with --reset-every-us which repeat.
 
 Slopes are the second clock's seconds over the first one's, less 1, in ppm; offsets are second less first. For three
 logs and more the closure says whether the slopes agree.
