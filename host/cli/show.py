@@ -100,9 +100,11 @@ def describe(record: dict[str, Any]) -> str:
 
 
 def status_lines(robot: Robot) -> list[str]:
-    """Frames, rate, bytes, losses and the last stamp of one robot; below it what is emulated, and who is silent, if
-    anyone is."""
+    """Frames, rate, bytes, losses and the last stamp of one robot; below it how its clocks go, what is emulated, and who
+    is silent, if anyone is."""
     lines = [status_line(robot)]
+    if told := clock_line(robot.last_frame):
+        lines.append(f"  {told}")
     if of := emulated(robot.backends):
         lines.append(f"  {of}")
     state = robot.stream.watch.state
@@ -145,6 +147,22 @@ def last_time(frame: Frame | None) -> str:
     if frame.nanocockpit:
         return f"last frame at GAP8 {frame.nanocockpit.frame_gap8_us / 1e6:.6f} s"
     return "no stamps"
+
+
+def clock_line(frame: Frame | None) -> str:
+    """How the robot's clocks go against each other; empty if it does not say."""
+    native = frame.native if frame else None
+    if native is None or native.clock is None or native.frame_stm32_us is None:
+        return ""
+    from ..clock.stamps import SLOW_PPM
+
+    drift = native.clock.drift_ppm
+    slow = ", which counts 84 of 85" if abs(drift - SLOW_PPM) < abs(drift) else ""
+    offset_s = (native.frame_gap8_us - native.frame_stm32_us) * 1e-6
+    return (
+        f"GAP8 against STM32{slow}: drift {drift:+.2f} ppm  offset {offset_s:+.6f} s  "
+        f"by {native.clock.window_stamps} stamps, {native.clock.delay_us} us late"
+    )
 
 
 def warnings(frame: Frame) -> str:

@@ -37,6 +37,11 @@ class NativeClock:
     latency_us: int
     """Part of bound_us: by how much the GAP8's clock may have been read late at the end of frame."""
 
+    @property
+    def drift_ppm(self) -> float:
+        """How much faster the GAP8's stamp clock is than the STM32's, as `host sync stamps` has it."""
+        return (1 / (1 + self.skew_ppb * 1e-9) - 1) * 1e6
+
 
 @dataclass(frozen=True, slots=True)
 class NativeHeader:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import host
-from host.cli.show import status_line
+from host.cli.show import clock_line, status_line, status_lines
 from host.cli.stream_loop import Robot
 from host.link.records import Console, Frame
 
@@ -36,3 +36,23 @@ def test_a_status_line_costs_no_look_at_all_frames_so_far(robot: Robot, monkeypa
     robot.take(frame(0, 1_000_000_000))
     robot.take(frame(1, 1_100_000_000))
     assert "2 frames  10.0 fps" in status_line(robot)
+
+
+@pytest.mark.parametrize(("divider", "ppm"), [(85, 40.0), (84, 40.0)])
+def test_the_clocks_are_shown_live(divider: int, ppm: float) -> None:
+    """Drift and offset against the simulator's truth; and what came without them has no such line."""
+    url = f"sim://hover?pace=max&gap8_ppm={ppm}&stm32_ppm=0&gap8_walk_ppb=0&stm32_walk_ppb=0&stm32_divider={divider}"
+    with host.open(f"{url}&seed=3", dialect="native") as stream:
+        robot = Robot(0, "sim://hover", stream)
+        assert clock_line(None) == clock_line(frame(0, 1)) == ""
+        for each in stream:
+            robot.take(each)
+            if each.index == 120:
+                break
+        world = stream.port.world
+        offset_s = (world.robots[0].stamp_us("gap8") - world.robots[0].stamp_us("stm32")) * 1e-6
+    (line,) = (line for line in status_lines(robot) if "drift" in line)
+    drift, offset = (float(line.split(name)[1].split()[0].rstrip("s,;")) for name in ("drift ", "offset "))
+    assert drift == pytest.approx(((1 + ppm * 1e-6) * 85 / divider - 1) * 1e6, abs=5)
+    assert offset == pytest.approx(offset_s, abs=2e-3)
+    assert ("which counts 84 of 85" in line) == (divider == 84)
