@@ -100,8 +100,8 @@ def describe(record: dict[str, Any]) -> str:
 
 
 def status_lines(robot: Robot) -> list[str]:
-    """Frames, rate, bytes, losses and the last stamp of one robot; below it how its clocks go, what is emulated, and who
-    is silent, if anyone is."""
+    """Frames, rate, bytes, losses and the last stamp of one robot; below it how its clocks go, what is emulated, and
+    who is silent, if anyone is."""
     lines = [status_line(robot)]
     if told := clock_line(robot.last_frame):
         lines.append(f"  {told}")
