@@ -1,0 +1,241 @@
+"""The time offset between a camera's frames and a gyro's log of the same robot, from the pictures themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera_coarse import Coarse, coarse
+from .camera_fit import Fit, fit, start
+from .camera_model import MIDDLE, Places, expected, mount
+from .camera_onset import Onsets, onsets
+from .camera_patches import find, smooth
+from .camera_tiles import SURE, Tiles
+from .ticks import Floats
+from .turning import Turning, lag_s, unlagged
+
+Reason = Literal[
+    "too few frames",
+    "the log does not cover the frames",
+    "too little rotation",
+    "too little texture",
+    "the pictures do not move with the gyro",
+    "several offsets fit",
+    "not sure enough",
+]
+PAIRS_MIN, PLACES_MIN = 20, 200
+PAIRS_MAX, FIRST_PAIRS = 600, 150
+"""Of the frames' pairs, so many are looked at closely: in each of BLOCKS parts those in which the rate changes most."""
+BLOCKS = 20
+APART_S = 0.5
+"""Frames further apart are no pair."""
+RATE_MIN = np.radians(2.0)
+"""rad/s, rms."""
+SURE_MIN, TEXTURE_MIN = 0.1, 0.1
+"""Of tiles, and of patches."""
+COARSE_MIN, FINE_MIN = 0.8, 0.9
+"""Of the motion: what must go with the gyro."""
+SIGMA_MAX_S = 1e-3
+LINE_S = 100e-6
+"""To begin with, if it is not known."""
+
+
+class Film(Protocol):
+    """Frames in the order of their stamps; can be gone through more than once."""
+
+    width: int
+    height: int
+    stamp_us: Floats
+
+    def __iter__(self) -> Iterator[NDArray[np.uint8]]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    reason: Reason
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class Aligned:
+    zero_us: float
+    """The stamp at which offsets are told."""
+    fitted: Fit
+    """theta[MIDDLE]: from a stamp to the middle row's middle of exposure, on the log's clock less its known lag."""
+    line_known: bool
+    line: Fit
+    """The same with the time from row to row unknown."""
+    assumed: Floats
+    """Mount, body to camera, that fitted.theta[MOUNT...] is added to."""
+    first: Coarse
+    places: Places
+    moved_px: Floats
+    """Of each pair of frames, by its tiles; NaN when nothing is sure."""
+    explained: float
+    onsets: Onsets | None
+    lag_s: float
+    """Taken off: of the gyro's low-passes."""
+
+
+def align(
+    film: Film,
+    gyro_us: Floats,
+    rate_rad_s: Floats,
+    line_s: float | None = None,
+    lowpass_hz: tuple[float, ...] = (),
+    reach_s: float = 0.5,
+) -> Aligned | Refused:
+    """`line_s`: from row to row, if known. `lowpass_hz`: what the gyro went through, if known (turning.unlagged).
+    `reach_s`: offsets of the middle row that are thought of."""
+    stamps = film.stamp_us
+    if len(stamps) <= PAIRS_MIN:
+        return Refused("too few frames", f"{len(stamps)} with a time, and {PAIRS_MIN + 1} are needed")
+    zero_us = float(stamps[len(stamps) // 2])
+    stamp_s, time_s = (stamps - zero_us) * 1e-6, (gyro_us - zero_us) * 1e-6
+    covered = (stamp_s > time_s[0]) & (stamp_s < time_s[-1])
+    if covered.sum() <= PAIRS_MIN:
+        return Refused(
+            "the log does not cover the frames",
+            f"{covered.sum()} of {len(stamps)} frames: frames from {stamps[0]:.0f} to {stamps[-1]:.0f} us, rows from"
+            f" {gyro_us[0]:.0f} to {gyro_us[-1]:.0f} us; were both made in one run, without a reset between?",
+        )
+    during = (time_s > stamp_s[0]) & (time_s < stamp_s[-1])
+    speed = float(np.sqrt(((rate_rad_s[during] - rate_rad_s[during].mean(axis=0)) ** 2).sum(axis=1).mean()))
+    if speed < RATE_MIN:
+        return Refused(
+            "too little rotation",
+            f"its rate varies by {np.degrees(speed):.2f} deg/s rms: a steady turn does not tell the time; turn it"
+            " to and fro, quickly",
+        )
+    turning = Turning(time_s, unlagged(time_s, rate_rad_s, lowpass_hz) if lowpass_hz else rate_rad_s)
+    tiles = Tiles.of(film.width, film.height)
+    moved, sure = tile_motion(film, tiles)
+    pairs_s = np.stack([stamp_s[:-1], stamp_s[1:]], axis=1)
+    usable = (np.diff(stamp_s) > 0) & (np.diff(stamp_s) < APART_S)
+    sure[~usable] = 0
+    part = float((sure[usable] > SURE).mean()) if usable.any() else 0.0
+    if part < SURE_MIN:
+        return Refused(
+            "too little texture",
+            f"{part:.0%} of the pictures' parts are found again in the next frame: more light, a nearer or richer"
+            " scene, slower turns or a higher frame rate",
+        )
+    first = coarse(pairs_s, tiles.middles, moved, sure, film.width, turning, reach_s)
+    if first is None or first.explained < COARSE_MIN:
+        told = "none" if first is None else f"{first.explained:.0%}"
+        return Refused(
+            "the pictures do not move with the gyro",
+            f"{told} of their motion goes with any offset within {reach_s:g} s: is it the log of this robot and run?",
+        )
+    if first.rival_s is not None:
+        return Refused(
+            "several offsets fit",
+            f"{first.middle_s * 1e3:.0f} ms and {first.rival_s * 1e3:.0f} ms do: move less regularly, or look less far",
+        )
+    return refine(film, turning, zero_us, pairs_s, usable, first, line_s, moved, sure, lag_s(lowpass_hz))
+
+
+def refine(
+    film: Film, turning: Turning, zero_us: float, pairs_s: Floats, usable: NDArray[np.bool_], first: Coarse,
+    line_s: float | None, moved: Floats, sure: Floats, lag: float,
+) -> Aligned | Refused:  # fmt: skip
+    """By patches: a few, sought wide, and then many, sought where the few say."""
+    assumed = mount(first.pitch_deg, first.roll_deg)
+    theta = start(first.middle_s, LINE_S if line_s is None else line_s, first.focal_px)
+    line_free = line_s is None
+    fitted = None
+    for count, levels in ((FIRST_PAIRS, 2), (PAIRS_MAX, 0)):
+        wanted = choose(turning, pairs_s + theta[MIDDLE], usable, count)
+        places, texture = patches(film, turning, theta, assumed, pairs_s, wanted, levels)
+        if texture < TEXTURE_MIN:
+            return Refused("too little texture", f"{texture:.0%} of all patches have some")
+        if len(places.pair) < PLACES_MIN or len(np.unique(places.pair)) < PAIRS_MIN:
+            return Refused(
+                "too little texture", f"{len(places.pair)} patches were found again, in {wanted.sum()} frames"
+            )
+        fitted = fit(places, turning, assumed, theta, line_free)
+        if fitted is None:
+            return Refused("the pictures do not move with the gyro", "no lens and mount fit what patches do")
+        theta = fitted.theta
+    assert fitted is not None
+    went = ((places.after - places.before) ** 2).sum(axis=1)
+    explained = 1 - float((fitted.weight * (fitted.residual_px**2).sum(axis=1)).sum() / (fitted.weight * went).sum())
+    if explained < FINE_MIN or np.mean(fitted.weight) < 0.5:
+        return Refused("the pictures do not move with the gyro", f"{explained:.0%} of the patches' motion does")
+    if fitted.sigma[MIDDLE] > SIGMA_MAX_S:
+        return Refused(
+            "not sure enough",
+            f"± {fitted.sigma[MIDDLE] * 1e3:.1f} ms: a steady turn does not tell the time; turn to and fro, quickly",
+        )
+    line = fitted if line_free else fit(places, turning, assumed, theta, line_free=True)
+    by_tile = np.where(sure > SURE, np.sqrt((moved**2).sum(axis=2)), np.nan)
+    any_sure = np.isfinite(by_tile).any(axis=1)
+    moved_px = np.full(len(by_tile), np.nan)
+    moved_px[any_sure] = np.nanmedian(by_tile[any_sure], axis=1)
+    stamp_s = np.append(pairs_s[:, 0], pairs_s[-1, 1])
+    begun = onsets(turning.time_s, turning.rate_rad_s, stamp_s, moved_px)
+    return Aligned(
+        zero_us, fitted, not line_free, line or fitted, assumed, first, places, moved_px, explained, begun, lag
+    )
+
+
+def tile_motion(film: Film, tiles: Tiles) -> tuple[Floats, Floats]:
+    """Of each frame to the next."""
+    moved, sure, before = [], [], None
+    for picture in film:
+        spectra = tiles.spectra(picture)
+        if before is not None:
+            found = tiles.moved(before, spectra)
+            moved.append(found[0])
+            sure.append(found[1])
+        before = spectra
+    return np.array(moved), np.array(sure)
+
+
+def choose(turning: Turning, pairs_s: Floats, usable: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
+    """Pairs whose frames see different rates tell the time: in each part of the recording the best are taken."""
+    usable = usable & turning.is_known(pairs_s.min(axis=1) - 0.05, pairs_s.max(axis=1) + 0.05)
+    rates = [
+        np.stack([np.interp(pairs_s[:, each], turning.time_s, rate) for rate in turning.rate_rad_s.T], axis=1)
+        for each in (0, 1)
+    ]
+    change = np.where(usable, np.sqrt(((rates[1] - rates[0]) ** 2).sum(axis=1)), -1.0)
+    wanted = np.zeros(len(usable), np.bool_)
+    for block in np.array_split(np.arange(len(usable)), BLOCKS):
+        best = block[np.argsort(-change[block], kind="stable")[: -(-count // BLOCKS)]]
+        wanted[best] = usable[best]
+    return wanted
+
+
+def patches(
+    film: Film, turning: Turning, theta: Floats, assumed: Floats, pairs_s: Floats, wanted: NDArray[np.bool_],
+    levels: int,
+) -> tuple[Places, float]:  # fmt: skip
+    """All patches of the wanted pairs, and which part of them has texture."""
+    found, textured, all_, before, last = [], 0, 0, None, -2
+    for number, picture in enumerate(film):
+        needed = (number < len(wanted) and wanted[number]) or (number and wanted[number - 1])
+        if not needed:
+            continue
+        grey = smooth(picture)
+        if number and wanted[number - 1] and last == number - 1 and before is not None:
+            stamps = pairs_s[number - 1]
+
+            def expect(at: Floats, stamps: Floats = stamps) -> Floats:
+                return expected(theta, assumed, turning, np.tile(stamps, (len(at), 1)), at)
+
+            here = find(before, grey, expect, levels)
+            textured, all_ = textured + here.textured, all_ + here.expected
+            count = len(here.before)
+            found.append(
+                Places(
+                    np.full(count, number - 1), np.tile(stamps, (count, 1)), here.before, here.after, here.information
+                )
+            )
+        before, last = grey, number
+    whole = Places(*(np.concatenate([getattr(each, name) for each in found]) for name in Places.__slots__))
+    return whole, textured / max(all_, 1)

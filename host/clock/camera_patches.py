@@ -1,0 +1,160 @@
+"""Where small patches of one picture are in the next: Lucas and Kanade's method, begun where the gyro expects them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .ticks import Floats
+
+SIDE = 20
+"""Pixels of a patch: it sees rows that are as many line times apart, evenly about its middle."""
+COLUMNS_MAX = 6
+ROUNDS = 8
+SETTLED_PX, SETTLED = 0.02, 0.95
+"""When so many patches move by less, that was the last round; the others are lost."""
+FAR = 0.6
+"""Of the side: a patch that is found further off than this from where it is expected is lost."""
+CONTRAST = 1.0
+"""Grey levels per pixel: the smaller of a patch's two mean gradients must be that, or it has no texture."""
+ALIKE = 0.5
+"""Correlation below which it is not the same patch."""
+WEAK = 0.2
+"""Of CONTRAST: along an edge, where a patch shows nothing, it stays where it is expected."""
+FLOOR_PX = 0.02
+"""What interpolation costs."""
+
+Grey = NDArray[np.float32]
+Expect = Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    before: Floats
+    """(n, 2): u, v of patches with texture that were found again."""
+    after: Floats
+    information: Floats
+    """(n, 2, 2)."""
+    textured: int
+    """Of all patches that are expected inside ..."""
+    expected: int
+    """... and those."""
+
+
+def smooth(picture: NDArray[np.uint8]) -> Grey:
+    """1 2 1 both ways: noise less, and gradients between pixels better."""
+    grey = np.pad(picture.astype(np.float32), 1, mode="edge")
+    grey = grey[:-2] + 2 * grey[1:-1] + grey[2:]
+    return np.asarray((grey[:, :-2] + 2 * grey[:, 1:-1] + grey[:, 2:]) / 16)
+
+
+def halved(grey: Grey) -> Grey:
+    height, width = grey.shape
+    even = grey[: height & ~1, : width & ~1]
+    return np.asarray((even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]) / 4)
+
+
+def grid(width: int, height: int) -> Floats:
+    """(n, 2): middles of patches: a band of rows each SIDE, in it at most COLUMNS_MAX."""
+    rows = np.arange(SIDE // 2 + 1, height - SIDE // 2, SIDE)
+    count = min(COLUMNS_MAX, (width - 2) // SIDE)
+    columns = np.linspace(SIDE // 2 + 1, width - SIDE // 2 - 2, count).astype(int)
+    at = np.stack(np.meshgrid(columns, rows), axis=2).reshape(-1, 2)
+    # A patch has an even side: its middle lies between pixels.
+    return np.asarray(at - 0.5 - [(width - 1) / 2, (height - 1) / 2])
+
+
+def find(before: Grey, after: Grey, expect: Expect, levels: int) -> Found:
+    """`expect`: of places in the first picture, where they should be in the second (NaN: nowhere). `levels`: how often
+    the pictures are halved first, so that an expectation that is far off does no harm."""
+    height, width = before.shape
+    middle = np.array([(width - 1) / 2, (height - 1) / 2])
+    at = grid(width, height)
+    around = at + SIDE / 2 * np.array([[[0, 0]], [[-1, 0]], [[1, 0]], [[0, -1]], [[0, 1]]])
+    there, left, right, above, below = expect(around.reshape(-1, 2)).reshape(around.shape)
+    # How the neighbourhood is stretched and sheared, by the turn and by the rows' different times.
+    shape = np.stack([right - left, below - above], axis=2) / SIDE
+    inside = np.all(np.abs(there) < middle - 2, axis=1) & (np.nan_to_num(np.linalg.det(shape)) > 0.2)
+    at, there, shape = at[inside], there[inside], shape[inside]
+    pyramid = [(before, after)]
+    for _ in range(levels):
+        pyramid.append((halved(pyramid[-1][0]), halved(pyramid[-1][1])))
+    shift = np.zeros_like(at)
+    for level in range(levels, -1, -1):
+        scale = 0.5**level
+        # The middle of a halved picture's pixel lies between four.
+        from_, to = ((each + middle + 0.5) * scale - 0.5 for each in (at, there + shift))
+        step, squares, noise, alike = track(*pyramid[level], from_, to, shape)
+        shift = shift + np.clip(step / scale, -SIDE, SIDE)
+    textured = np.linalg.eigvalsh(squares)[:, 1] > (CONTRAST * SIDE) ** 2
+    sure = textured & (alike > ALIKE) & (np.abs(shift).max(axis=1) < (FAR if levels == 0 else 2.0) * SIDE)
+    covariance = np.linalg.inv(squares[sure] + (WEAK * CONTRAST * SIDE) ** 2 * np.eye(2)) * noise[sure, None, None]
+    information = np.linalg.inv(covariance + FLOOR_PX**2 * np.eye(2))
+    return Found(at[sure], (there + shift)[sure], np.asarray(information, np.float64), int(textured.sum()), len(at))
+
+
+def track(before: Grey, after: Grey, from_: Floats, to: Floats, shape: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Patches about `from_` in one picture, sought about `to` in the other, pixels: by how much further (n, 2) they
+    are; the sum of the squares of their gradients (n, 2, 2); what is left, mean square; and the correlation."""
+    side = np.arange(SIDE, dtype=np.float32) - (SIDE - 1) / 2
+    square = np.stack(np.meshgrid(side, side)).reshape(2, -1)
+    here = from_.T.astype(np.float32)[:, :, None] + square[:, None]
+    template, is_in = sample(before, *here)
+    # As the other picture has them: it is stretched.
+    slopes = np.stack([sample(each, *here)[0] for each in slopes_of(before)], axis=2)
+    slopes = slopes @ np.linalg.inv(shape).astype(np.float32) * is_in[:, :, None]
+    squares = (slopes.transpose(0, 2, 1) @ slopes).astype(np.float64)
+    solve = np.linalg.inv(squares + (WEAK * CONTRAST * SIDE) ** 2 * np.eye(2))
+    stretched = (to[:, :, None] + shape @ square).astype(np.float32)
+    shift = np.zeros_like(to)
+    for _ in range(ROUNDS):
+        there = stretched + shift.astype(np.float32)[:, :, None]
+        other, also_in = sample(after, there[:, 0], there[:, 1])
+        weight = is_in * also_in
+        count = np.maximum(weight.sum(axis=1), 1)
+        a, b = (centred(each, weight, count) for each in (template, other))
+        power_a, power_b, both = (np.einsum("np,np->n", *each) for each in ((a, a), (b, b), (a, b)))
+        # Exposure may have changed.
+        left = a - b * np.sqrt(power_a / np.maximum(power_b, 1e-9))[:, None]
+        pull = np.matmul(left[:, None], slopes)[:, 0].astype(np.float64)
+        step = np.clip(np.matmul(solve, pull[:, :, None])[:, :, 0], -2, 2)
+        shift = shift + step
+        rests = np.abs(step).max(axis=1) < SETTLED_PX
+        if rests.mean() > SETTLED:
+            break
+    alike = both / np.sqrt(np.maximum(power_a * power_b, 1e-9))
+    return shift, squares, np.einsum("np,np->n", left, left) / count, np.where(rests, alike, 0)
+
+
+def slopes_of(grey: Grey) -> tuple[Grey, Grey]:
+    """Per pixel, to the right and down; 0 along the border."""
+    right, down = np.zeros_like(grey), np.zeros_like(grey)
+    right[:, 1:-1] = (grey[:, 2:] - grey[:, :-2]) / 2
+    down[1:-1] = (grey[2:] - grey[:-2]) / 2
+    return right, down
+
+
+def centred(values: Grey, weight: Grey, count: Grey) -> Grey:
+    """Less their mean; 0 where nothing is known."""
+    mean = np.einsum("np,np->n", values, weight) / count
+    return np.asarray((values - mean[:, None]) * weight)
+
+
+def sample(grey: Grey, x: Grey, y: Grey) -> tuple[Grey, Grey]:
+    """Between the four nearest pixels; and 1 for what lies inside, else 0."""
+    height, width = grey.shape
+    inside = (x >= 0) & (x < width - 1) & (y >= 0) & (y < height - 1)
+    j, i = np.where(inside, x, 0).astype(np.int32), np.where(inside, y, 0).astype(np.int32)
+    right, down = x - j, y - i
+    place = i * width + j
+    flat = grey.ravel()
+    upper = flat[place]
+    upper += (flat[place + 1] - upper) * right
+    place += width
+    lower = flat[place]
+    lower += (flat[place + 1] - lower) * right
+    known = inside.astype(np.float32)
+    return (upper + (lower - upper) * down) * known, known

@@ -1,0 +1,148 @@
+"""The offset between rendered frames and a gyro's log, from the pictures alone, against the simulator's truth."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from host.clock.camera import Aligned, Refused, align
+from host.clock.camera_model import FOCAL, LINE, MIDDLE
+from sim.panorama import HALF, panorama
+from sim.turned_camera import Flight, Gyro, Motion, flight
+
+
+class Film:
+    """Frames of a flight, rendered once."""
+
+    def __init__(self, made: Flight) -> None:
+        self.width, self.height = made.optics.width, made.optics.height
+        self.stamp_us = made.stamp_s * 1e6
+        self.frames = [made.frame(index) for index in range(len(made.stamp_s))]
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        return iter(self.frames)
+
+
+def short(seed: int, motion: Motion = "teeter", seconds: float = 3.0, fps: float = 15.0, **more: object) -> Flight:
+    """All in one world: making one takes longest."""
+    more = {"world": panorama(1, 183), **more}
+    return flight(seed, motion, seconds=seconds, fps=fps, optics=HALF, **more)  # type: ignore[arg-type]
+
+
+def swung(seed: int, deg_s: float, hz: float, **more: object) -> Flight:
+    """To and fro, and nothing else."""
+    made = short(seed, "still", **more)  # type: ignore[arg-type]
+    made.turned.speed[:, 0] = np.radians(deg_s) * np.sin(2 * np.pi * hz * made.turned.time_s)
+    steps = 0.5 * (made.turned.speed[1:] + made.turned.speed[:-1]) * np.diff(made.turned.time_s)[:, None]
+    made.turned.angle[1:] = np.cumsum(steps, axis=0)
+    return made
+
+
+def solve(made: Flight, film: Film | None = None, **more: object) -> Aligned | Refused:
+    rates = np.radians(made.gyro_deg_s)
+    known = {"line_s": made.optics.line_s, "lowpass_hz": made.gyro.filters_hz, **more}
+    return align(film or Film(made), made.gyro_time_s * 1e6, rates, **known)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("motion", "fps", "pitch_deg"), [("teeter", 30, 0), ("yaw", 15, 45), ("yaw", 6, 0), ("teeter", 10, 90)]
+)
+def test_from_pictures(motion: Motion, fps: int, pitch_deg: int) -> None:
+    made = short(2, motion, fps=fps, seconds=50 / fps + 1, pitch_deg=pitch_deg)
+    got = solve(made)
+    assert isinstance(got, Aligned), got
+    assert abs(got.fitted.theta[MIDDLE] - made.body_middle_s) < 0.1e-3
+    assert got.fitted.theta[FOCAL] == pytest.approx(made.optics.focal_px, rel=0.02)
+    assert abs(got.line.theta[LINE] - made.optics.line_s) < max(5 * got.line.sigma[LINE], 1e-6)
+
+
+def test_without_line_time_and_filters() -> None:
+    """The gyro's lag is then in the offset; the middle row's time does not need the readout."""
+    made = short(5, "yaw", fps=10, seconds=6)
+    got = solve(made, line_s=None, lowpass_hz=())
+    assert isinstance(got, Aligned), got
+    assert not got.line_known
+    assert abs(got.fitted.theta[MIDDLE] - made.middle_s) < 0.15e-3
+
+
+def test_the_papers_procedure() -> None:
+    """It tells the frame, and so is off by anything up to a frame's period, and all its readings together by half."""
+    made = short(3, "teeter", seconds=6)
+    got = solve(made)
+    assert isinstance(got, Aligned)
+    assert got.onsets is not None
+    assert len(got.onsets.late_s) >= 4
+    late_s = got.onsets.mean_s + made.offset_s
+    assert 0 < late_s < 0.1
+    assert 0.003 < got.onsets.sd_s < 0.05
+
+
+@pytest.mark.parametrize(
+    ("reason", "made", "more"),
+    [
+        ("too few frames", {"seconds": 1.0}, {}),
+        ("too little rotation", {"motion": "still"}, {}),
+        ("too little texture", {"world": np.full((64, 128), 100, np.float32)}, {}),
+        ("the pictures do not move with the gyro", {}, {"log_of": 9}),
+        ("the log does not cover the frames", {}, {"later_s": 100.0}),
+        ("too little rotation", {"motion": "spin", "fps": 30.0}, {}),
+    ],
+    ids=lambda each: each if isinstance(each, str) else "",
+)
+def test_refused(reason: str, made: dict, more: dict) -> None:
+    world = made.get("world")
+    flown = short(1, **{"motion": "teeter", **made})
+    log = short(more["log_of"], "yaw") if "log_of" in more else flown
+    rates = np.radians(log.gyro_deg_s)
+    got = align(Film(flown), (log.gyro_time_s + more.get("later_s", 0)) * 1e6, rates, flown.optics.line_s)
+    assert isinstance(got, Refused), (got, world)
+    assert got.reason == reason, got
+    assert got.detail
+
+
+def test_slow_swings_tell_too_little() -> None:
+    made = swung(1, 3.0, 0.15, seconds=7.0, fps=8.0)
+    got = align(Film(made), made.gyro_time_s * 1e6, made.turned.rate(made.gyro_time_s), made.optics.line_s)
+    assert isinstance(got, Refused)
+    assert got.reason == "not sure enough"
+
+
+def test_a_rhythm_fits_at_several_offsets() -> None:
+    made = swung(1, 57.3, 2.5)
+    rates = made.turned.rate(made.gyro_time_s)
+    got = align(Film(made), made.gyro_time_s * 1e6, rates, made.optics.line_s)
+    assert isinstance(got, Refused)
+    assert got.reason == "several offsets fit"
+    near = align(Film(made), made.gyro_time_s * 1e6, rates, made.optics.line_s, reach_s=0.1)
+    assert isinstance(near, Aligned)
+    assert abs(near.fitted.theta[MIDDLE] - made.body_middle_s) < 0.1e-3
+
+
+def test_a_hole_in_the_log_costs_only_its_frames() -> None:
+    made = short(4, "yaw", seconds=4)
+    keep = (made.gyro_time_s < 2.0) | (made.gyro_time_s > 2.5)
+    rates = np.radians(made.gyro_deg_s[keep])
+    got = align(Film(made), made.gyro_time_s[keep] * 1e6, rates, made.optics.line_s, made.gyro.filters_hz)
+    assert isinstance(got, Aligned), got
+    assert abs(got.fitted.theta[MIDDLE] - made.body_middle_s) < 0.15e-3
+
+
+def test_rendered_rows_are_where_the_truth_says() -> None:
+    """A world that is bright on one side of a line: the edge is in each row where that row's own time puts it."""
+    half = np.zeros((180, 360), np.float32)
+    half[:, :180] = 200
+    made = flight(1, "spin", seconds=3, optics=HALF, gyro=Gyro(), world=half)
+    index = next(k for k in range(60) if 60 < made.frame(k)[61].mean() < 140)
+    picture = made.frame(index).astype(float)
+    rows = np.arange(picture.shape[0])
+    v = rows - (made.optics.height - 1) / 2
+    at_s = made.stamp_s[index] + made.offset_s - made.optics.middle_to_end_s + v * made.optics.line_s
+    yaw = made.turned.to_world(at_s)
+    heading = np.unwrap(np.arctan2(yaw[:, 1, 0], yaw[:, 0, 0]))
+    # Edges are at longitude 0 and 180 degrees; to the left of the picture is a larger longitude.
+    edge = np.pi * np.round(heading / np.pi)
+    u = np.tan(heading - edge) * made.optics.focal_px + (made.optics.width - 1) / 2
+    bright = picture.sum(axis=1) / 200
+    seen = bright if picture[61, 0] > 100 else made.optics.width - bright
+    assert np.abs(seen - 0.5 - u).max() < 1.0
+    assert np.ptp(u) > 0.5
