@@ -51,22 +51,43 @@ static void write_some(emulator_t *e, setting_t *settings, int count) {
     e->api->write_batch(e->engine, regs, places, count);
 }
 
-static void save_fpu(emulator_t *e, uint8_t *frame) {
+/// S0 to S15 and FPSCR: Unicorn's numbers, and places for what they hold.
+enum { FPU_REGISTERS = FPU_DOUBLES + 1 };
+typedef struct {
+    uint64_t doubles[FPU_DOUBLES];
+    uint32_t fpscr;
+    int regs[FPU_REGISTERS];
+    void *places[FPU_REGISTERS];
+} fpu_t;
+
+static void name_fpu(emulator_t *e, fpu_t *fpu) {
     for (int i = 0; i < FPU_DOUBLES; i++) {
-        uint64_t value = 0;
-        e->api->read(e->engine, e->api->registers[UNICORN_REG_ARM_D0] + i, &value);
-        store64_le(frame + FRAME_FPU_AT + 8 * i, value);
+        fpu->regs[i] = e->api->registers[UNICORN_REG_ARM_D0] + i;
+        fpu->places[i] = &fpu->doubles[i];
     }
-    store32_le(frame + FRAME_FPSCR_AT, cortex_m_get(e, UNICORN_REG_ARM_FPSCR));
+    fpu->regs[FPU_DOUBLES] = e->api->registers[UNICORN_REG_ARM_FPSCR];
+    fpu->places[FPU_DOUBLES] = &fpu->fpscr;
+}
+
+static void save_fpu(emulator_t *e, uint8_t *frame) {
+    fpu_t fpu;
+    name_fpu(e, &fpu);
+    e->api->read_batch(e->engine, fpu.regs, fpu.places, FPU_REGISTERS);
+    for (int i = 0; i < FPU_DOUBLES; i++) {
+        store64_le(frame + FRAME_FPU_AT + 8 * i, fpu.doubles[i]);
+    }
+    store32_le(frame + FRAME_FPSCR_AT, fpu.fpscr);
     store32_le(frame + FRAME_FPSCR_AT + 4, 0);
 }
 
 static void restore_fpu(emulator_t *e, const uint8_t *frame) {
+    fpu_t fpu;
+    name_fpu(e, &fpu);
     for (int i = 0; i < FPU_DOUBLES; i++) {
-        uint64_t value = load64_le(frame + FRAME_FPU_AT + 8 * i);
-        e->api->write(e->engine, e->api->registers[UNICORN_REG_ARM_D0] + i, &value);
+        fpu.doubles[i] = load64_le(frame + FRAME_FPU_AT + 8 * i);
     }
-    cortex_m_set(e, UNICORN_REG_ARM_FPSCR, load32_le(frame + FRAME_FPSCR_AT));
+    fpu.fpscr = load32_le(frame + FRAME_FPSCR_AT);
+    e->api->write_batch(e->engine, fpu.regs, fpu.places, FPU_REGISTERS);
 }
 
 static uint32_t vector(emulator_t *e, int exception) {

@@ -6,8 +6,8 @@ enum {
     MSTATUS_MIE = 1 << 3,
     MSTATUS_MPIE = 1 << 7,
     MACHINE_MODE = 3,
-    /// Handlers return to an ecall. That stops Unicorn at the least expense: it translates an `until` anew
-    /// for each start.
+    /// Handlers return to an ecall. That stops Unicorn at the least expense: after each start it looks for
+    /// what it has translated at `until`, unless that is 0.
     RETURN = RV32_ROM,
     ECALL = 0x00000073,
     EBREAK = 0x00100073,
@@ -18,7 +18,6 @@ enum {
 };
 
 static const uint32_t MCAUSE_INTERRUPT = 0x80000000;
-static const uint32_t NEVER = 0xFFFFFFFE;
 
 typedef struct {
     uint32_t lines;
@@ -82,7 +81,7 @@ static void fail_on(emulator_t *e, int error) {
     } else if (code == NULL) {
         emulator_fail(e, "jump to 0x%08x, where no code is", cpu->pc);
     } else {
-        emulator_fail_on_access(e, cpu->pc, NEVER, error, "ROM");
+        emulator_fail_on_access(e, cpu->pc, 0, error, "ROM");
     }
 }
 
@@ -90,13 +89,13 @@ static void fail_on(emulator_t *e, int error) {
 static void start(emulator_t *e, uint32_t pc) {
     rv32_t *cpu = cpu_of(e);
     cpu->exception = NONE;
-    const int error = e->api->start(e->engine, pc, NEVER, 0, 0);
+    const int error = e->api->start(e->engine, pc, 0, 0, 0);
     cpu->pc = get(e, UNICORN_REG_RISCV_PC, 0);
     if (cpu->exception != NONE) {
         cpu->pc -= AFTER;
     }
     const bool returned = cpu->exception != NONE && cpu->pc == RETURN && cpu->line != NONE;
-    if (!emulator_failed(e) && !returned && (error != 0 || cpu->exception != NONE)) {
+    if (!emulator_failed(e) && !returned && (error != 0 || cpu->exception != NONE || cpu->pc == 0)) {
         fail_on(e, error);
     }
 }

@@ -7,7 +7,7 @@ static uint64_t due_us;
 /// Lets TIM3 run out when the alarm is due, or after the longest piece that it can count. Writing the counter
 /// leaves the prescaler alone: it runs out at a tick of TIM5, which started just before it.
 static void arm(void) {
-    const uint64_t now_us = clock_now().up_us;
+    const uint64_t now_us = clock_up_us();
     uint32_t wait_us = PIECE_US_MAX;
     if (due_us <= now_us) {
         wait_us = 1;
@@ -30,8 +30,10 @@ void alarm_init(void) {
 }
 
 void alarm_set(uint64_t at_us) {
-    due_us = at_us;
-    arm();
+    if (at_us != due_us) {
+        due_us = at_us;
+        arm();
+    }
 }
 
 bool alarm_came(uint64_t now_us) {

@@ -2,7 +2,7 @@
 ///
 /// Interrupt handlers take what has come, note which ports have become idle, and wake the service loop; the
 /// loop asks the idle ports for bytes and sets the alarm. All handlers have one priority, so none interrupts
-/// another, and the loop masks them while it is inside the app.
+/// another, and the loop masks them from its waking until it sleeps again.
 #ifndef SPINDECK_STM32_BOARD_BOARD_H
 #define SPINDECK_STM32_BOARD_BOARD_H
 
@@ -36,6 +36,13 @@ static inline void interrupts_on(void) {
     __asm volatile("cpsie i\n\tisb" ::: "memory");
 }
 
+/// Until the FPU is used again, an interrupt need not save its registers: the caller holds nothing in them.
+static inline void fpu_unused(void) {
+    __asm volatile("msr control, %0\n\tisb" ::"r"(0)
+                   : "memory", "s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "s9", "s10", "s11",
+                     "s12", "s13", "s14", "s15");
+}
+
 static inline void interrupt_enable(uint32_t irq) {
     NVIC_ISER[irq / 32] = 1U << (irq % 32);
 }
@@ -59,6 +66,7 @@ void rcc_init(void);
 // clock.c. Called from handlers, or with interrupts off.
 void clock_init(void);
 instant_t clock_now(void);
+uint64_t clock_up_us(void); ///< of it, up_us alone
 /// Sets the stamp clock, and starts its next microsecond now.
 void clock_set_stamp(uint64_t stamp_us);
 

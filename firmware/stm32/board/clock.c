@@ -27,14 +27,19 @@ void clock_init(void) {
 }
 
 // The counters wrap after 71 minutes; the alarm's timer alone brings a reading every 66 ms.
-instant_t clock_now(void) {
+uint64_t clock_up_us(void) {
     const uint32_t up = TIM5->cnt;
-    const uint32_t stamp = TIM2->cnt;
     clock.up_us += up - clock.up_last;
-    clock.stamp_us += stamp - clock.stamp_last;
     clock.up_last = up;
+    return clock.up_us;
+}
+
+instant_t clock_now(void) {
+    const uint64_t up_us = clock_up_us();
+    const uint32_t stamp = TIM2->cnt;
+    clock.stamp_us += stamp - clock.stamp_last;
     clock.stamp_last = stamp;
-    return (instant_t){clock.up_us, clock.stamp_us & clock.stamp_mask};
+    return (instant_t){up_us, clock.stamp_us & clock.stamp_mask};
 }
 
 void clock_set_stamp(uint64_t stamp_us) {

@@ -9,7 +9,7 @@ volatile uint64_t board_stamp_reset;
 
 static struct {
     bool busy[UARTS]; ///< a byte is on the line
-    volatile bool wake;
+    bool wake;
     instant_t now; ///< of the last interrupt
 } board;
 
@@ -69,33 +69,20 @@ static void service_storage(void) {
     }
 }
 
-// The app is asked with interrupts off, and with the instant of the last one: an app's time never goes back.
+/// With the instant of the last interrupt: an app's time never goes back.
 static void service(void) {
     for (int port = 0; port < UARTS; port++) {
-        interrupts_off();
         uint8_t byte;
         if (!board.busy[port] &&
             stm32_transmit(&board_app, (stm32_port_t)port, (bytes_mut_t){&byte, 1}, board.now) != 0) {
             board.busy[port] = true;
             usart_put(LINES[port], byte);
         }
-        interrupts_on();
     }
-    interrupts_off();
     service_storage();
     const uint64_t due_us = stm32_deadline(&board_app);
     // One that has passed was served just now: it waits for the next event.
     alarm_set(due_us > board.now.up_us ? due_us : NEVER_US);
-    interrupts_on();
-}
-
-// An interrupt between the look at `wake` and wfi is not lost: masked, it stays pending, and ends wfi.
-static void sleep(void) {
-    interrupts_off();
-    if (!board.wake) {
-        __asm volatile("wfi" ::: "memory");
-    }
-    interrupts_on(); // its handler runs here
 }
 
 int main(void) {
@@ -111,12 +98,16 @@ int main(void) {
     const stm32_config_t config = board_config.app;
     board_init_result = stm32_init(&board_app, &config, board.now);
     board.wake = board_init_result == 0;
-    interrupts_on();
-    for (;;) {
+    for (;;) { // interrupts are off here
         if (board.wake) {
             board.wake = false;
             service();
+            fpu_unused();
         }
-        sleep();
+        if (!board.wake) {
+            __asm volatile("wfi" ::: "memory"); // a pending interrupt ends it, or keeps it from beginning
+        }
+        interrupts_on(); // its handler runs here
+        interrupts_off();
     }
 }

@@ -16,6 +16,16 @@ static void route(gpio_t *gpio, uint32_t pin) {
     gpio->moder |= (uint32_t)GPIO_ALTERNATE << (pin * 2);
 }
 
+static void clear_sent(usart_t *usart) {
+    usart->sr = ~(uint32_t)USART_SR_TC;
+}
+
+/// TC is up after a reset, and nothing was sent. The idle frame that goes out first may bring one more.
+static void enable_sent(usart_t *usart) {
+    clear_sent(usart);
+    usart->cr1 |= USART_CR1_TCIE;
+}
+
 void usart_init(void) {
     route(GPIOA, PIN_USART2_TX);
     route(GPIOA, PIN_USART2_RX);
@@ -24,14 +34,14 @@ void usart_init(void) {
     USART2->cr1 = USART_CR1_UE | USART_CR1_TE | USART_CR1_RE | USART_CR1_RXNEIE;
     USART3->brr = USART3_BRR;
     USART3->cr1 = USART_CR1_UE | USART_CR1_TE;
+    enable_sent(USART2);
+    enable_sent(USART3);
     interrupt_enable(IRQ_USART2);
     interrupt_enable(IRQ_USART3);
 }
 
 void usart_put(usart_t *usart, uint8_t byte) {
-    usart->sr = ~(uint32_t)USART_SR_TC; // of the byte before: else the handler would come at once
     usart->dr = byte;
-    usart->cr1 |= USART_CR1_TCIE;
     if ((usart->sr & USART_SR_TC) != 0) {
         // A line that takes no time, and whose model raises no interrupt for it (QEMU 7.2).
         interrupt_raise(usart == USART2 ? IRQ_USART2 : IRQ_USART3);
@@ -48,8 +58,8 @@ usart_news_t usart_news(usart_t *usart) {
         board_counters.framing += framing;
         news.received = (status & USART_SR_RXNE) != 0 && !framing;
     }
-    if ((status & USART_SR_TC) != 0 && (usart->cr1 & USART_CR1_TCIE) != 0) {
-        usart->cr1 &= ~(uint32_t)USART_CR1_TCIE;
+    if ((status & USART_SR_TC) != 0) {
+        clear_sent(usart);
         news.sent = true;
     }
     return news;
