@@ -6,7 +6,7 @@ int kernel_set_faults(kernel_t *k, int robot, wire_t wire, const wire_faults_t *
     if (r == NULL || (unsigned)wire >= WIRE_COUNT || !wire_faults_ok(faults)) {
         return KERNEL_ERR_CONFIG;
     }
-    carrier_set_faults(&r->carriers[wire], faults, k->now_ns);
+    carrier_set_faults(&r->carriers[wire], faults, r->now_ns);
     return 0;
 }
 
@@ -16,7 +16,7 @@ int kernel_stall(kernel_t *k, int robot, wire_t wire, int64_t duration_ns) {
         return KERNEL_ERR_CONFIG;
     }
     carrier_t *carrier = &r->carriers[wire];
-    int64_t until_ns = k->now_ns + duration_ns;
+    int64_t until_ns = r->now_ns + duration_ns;
     carrier->stall_until_ns = until_ns > carrier->stall_until_ns ? until_ns : carrier->stall_until_ns;
     carrier->counts.stalls++;
     return 0;
@@ -30,23 +30,23 @@ int kernel_inject(kernel_t *k, int robot, wire_t wire, const uint8_t *in, size_t
     bytes_t bytes = {in, size};
     switch (wire) {
     case WIRE_SPI_TO_ESP32:
-        node_receive(k, r, MCU_ESP32, ESP32_PORT_SPI, bytes);
-        node_poll(k, r, MCU_ESP32);
+        node_receive(r, MCU_ESP32, ESP32_PORT_SPI, bytes);
+        node_poll(r, MCU_ESP32);
         break;
     case WIRE_SPI_TO_GAP8:
-        node_receive(k, r, MCU_GAP8, GAP8_PORT_SPI, bytes);
-        node_poll(k, r, MCU_GAP8);
+        node_receive(r, MCU_GAP8, GAP8_PORT_SPI, bytes);
+        node_poll(r, MCU_GAP8);
         break;
     case WIRE_TCP_TO_HOST:
         r->carriers[wire].counts.overflowed += size - ring_write(&r->host_in, in, size);
         break;
     case WIRE_TCP_TO_ESP32:
-        node_receive(k, r, MCU_ESP32, ESP32_PORT_TCP, bytes);
-        node_poll(k, r, MCU_ESP32);
+        node_receive(r, MCU_ESP32, ESP32_PORT_TCP, bytes);
+        node_poll(r, MCU_ESP32);
         break;
     default:
         for (size_t i = 0; i < size; i++) {
-            uart_deliver(k, r, (int)wire, in[i]);
+            uart_deliver(r, (int)wire, in[i]);
         }
         break;
     }
@@ -58,8 +58,8 @@ int kernel_radio(kernel_t *k, int robot, const uint8_t *in, size_t size) {
     if (r == NULL || r->emulated[MCU_STM32].emulator != NULL) {
         return KERNEL_ERR_CONFIG;
     }
-    node_receive(k, r, MCU_STM32, STM32_PORT_RADIO, (bytes_t){in, size});
-    node_poll(k, r, MCU_STM32);
+    node_receive(r, MCU_STM32, STM32_PORT_RADIO, (bytes_t){in, size});
+    node_poll(r, MCU_STM32);
     return 0;
 }
 
@@ -69,10 +69,10 @@ int kernel_set_rate(kernel_t *k, int robot, mcu_t mcu, int64_t rate_ppb) {
         return KERNEL_ERR_CONFIG;
     }
     node_t *node = &r->nodes[mcu];
-    oscillator_set_rate(&node->oscillator, k->now_ns, rate_ppb);
+    oscillator_set_rate(&node->oscillator, r->now_ns, rate_ppb);
     if (node->up) { // its deadline moves; what is on a wire by now ends when it was going to
         node->deadline_us = NEVER_US;
-        node_set_timer(k, r, mcu);
+        node_set_timer(r, mcu);
     }
     return 0;
 }
@@ -84,10 +84,10 @@ int kernel_reset_stamp_clock(kernel_t *k, int robot, mcu_t mcu, uint64_t to_us) 
     }
     node_t *node = &r->nodes[mcu];
     if (node->up) {
-        stamp_clock_reset(&node->stamp, node_local_ns(k, node), to_us);
+        stamp_clock_reset(&node->stamp, node_local_ns(r, node), to_us);
         node->read_ns = -1; // what was read at this instant no longer holds
         if (node->verbs->reset_stamp != NULL) {
-            node->verbs->reset_stamp(node->app, to_us, node_local_ns(k, node));
+            node->verbs->reset_stamp(node->app, to_us, node_local_ns(r, node));
         }
     }
     return 0;
@@ -98,7 +98,7 @@ int kernel_reboot(kernel_t *k, int robot, mcu_t mcu, int64_t off_ns) {
     if (r == NULL || (unsigned)mcu >= MCU_COUNT || !duration_ok(off_ns)) {
         return KERNEL_ERR_CONFIG;
     }
-    node_off(k, r, mcu, off_ns);
+    node_off(r, mcu, off_ns);
     return 0;
 }
 

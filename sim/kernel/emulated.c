@@ -81,7 +81,7 @@ int kernel_emulate(kernel_t *k, int robot, mcu_t mcu, const unicorn_api_t *api, 
         r->nodes[mcu].boots != 0 || r->emulated[mcu].emulator != NULL) {
         return KERNEL_ERR_CONFIG;
     }
-    emulator_t *emulator = emulator_new(api, image, robot, &k->report);
+    emulator_t *emulator = emulator_new(api, image, robot, &r->report);
     if (emulator == NULL) {
         return KERNEL_ERR_MEMORY;
     }
@@ -91,7 +91,10 @@ int kernel_emulate(kernel_t *k, int robot, mcu_t mcu, const unicorn_api_t *api, 
         .emulator = emulator, .mcu = mcu, .clock = &r->config.clocks[mcu], .storage = &r->storage};
     r->nodes[mcu].verbs = &emulated_verbs;
     r->nodes[mcu].app = &r->emulated[mcu];
-    return k->report.failed ? KERNEL_ERR_IMAGE : 0;
+    if (r->report.failed) {
+        k->failed = r;
+    }
+    return r->report.failed ? KERNEL_ERR_IMAGE : 0;
 }
 
 static emulator_t *emulator_of(const kernel_t *k, int robot, mcu_t mcu) {
@@ -126,5 +129,5 @@ void emulated_free(robot_t *r) {
 }
 
 const char *kernel_fault(const kernel_t *k) {
-    return k->report.text;
+    return k->failed == NULL ? "" : k->failed->report.text;
 }

@@ -4,15 +4,15 @@ void kernel_host_connect(kernel_t *k, int robot) {
     robot_t *r = robot_of(k, robot);
     if (r != NULL && r->config.host_wire == HOST_TCP && !r->connected) {
         r->host_waits = true;
-        network_connect(k, r);
+        network_connect(r);
     }
 }
 
 void kernel_host_disconnect(kernel_t *k, int robot) {
     robot_t *r = robot_of(k, robot);
     if (r != NULL && r->config.host_wire == HOST_TCP) {
-        network_disconnect(k, r);
-        node_poll(k, r, MCU_ESP32);
+        network_disconnect(r);
+        node_poll(r, MCU_ESP32);
     }
 }
 
@@ -33,7 +33,7 @@ size_t kernel_host_read(kernel_t *k, int robot, uint8_t *out, size_t size) {
     }
     size_t moved = ring_read(&r->host_in, out, size);
     if (moved != 0 && r->connected && !r->pipes[TO_HOST].on_link) {
-        robot_at(k, r, SOURCE_TCP_LINK + TO_HOST, k->now_ns); // the window may have opened
+        robot_at(r, SOURCE_TCP_LINK + TO_HOST, r->now_ns); // the window may have opened
     }
     return moved;
 }
@@ -48,9 +48,9 @@ size_t kernel_host_write(kernel_t *k, int robot, const uint8_t *in, size_t size)
     }
     size_t taken = ring_write(&r->host_out, in, size);
     if (r->config.host_wire == HOST_UART2) {
-        uart_poll(k, r, LINE_HOST);
+        uart_poll(r, LINE_HOST);
     } else {
-        tcp_poll(k, r, TO_ESP32);
+        tcp_poll(r, TO_ESP32);
     }
     return taken;
 }

@@ -36,6 +36,7 @@ static void robot_free(robot_t *r) {
     free(r->camera.jpegs);
     free(r->host_in.data);
     free(r->host_out.data);
+    events_free(&r->events);
     free(r);
 }
 
@@ -47,7 +48,6 @@ void kernel_free(kernel_t *k) {
         robot_free(k->robots[i]);
     }
     free(k->robots);
-    events_free(&k->events);
     trace_free(&k->trace);
     free(k->truth);
     free(k);
@@ -102,13 +102,15 @@ int kernel_add_robot(kernel_t *k, const robot_config_t *config) {
     robot_t **robots = realloc(k->robots, (k->robot_count + 1) * sizeof *robots);
     k->robots = robots != NULL ? robots : k->robots;
     robot_t *r = robot_new(config);
-    if (robots == NULL || r == NULL || !events_grow(&k->events, (k->robot_count + 1) * SOURCE_COUNT)) {
+    if (robots == NULL || r == NULL || !events_grow(&r->events, SOURCE_COUNT)) {
         if (r != NULL) {
             robot_free(r);
         }
         return KERNEL_ERR_MEMORY;
     }
     r->index = k->robot_count;
+    r->now_ns = k->now_ns;
+    r->trace = &k->trace;
     if (!nodes_init(k, r)) {
         robot_free(r);
         return KERNEL_ERR_CONFIG;
@@ -124,7 +126,7 @@ int kernel_add_robot(kernel_t *k, const robot_config_t *config) {
     r->camera.hang = random_threshold(config->camera_hang);
     uart_init(r);
     for (uint32_t mcu = 0; mcu < MCU_COUNT; mcu++) {
-        robot_at(k, r, SOURCE_TIMER + mcu, r->nodes[mcu].oscillator.anchor_ns);
+        robot_at(r, SOURCE_TIMER + mcu, r->nodes[mcu].oscillator.anchor_ns);
     }
     return (int)r->index;
 }
@@ -167,61 +169,14 @@ int kernel_set_images(kernel_t *k, int robot, const bytes_t *raw, const bytes_t 
     return 0;
 }
 
-static void handle(kernel_t *k, uint32_t source) {
-    robot_t *r = k->robots[source / SOURCE_COUNT];
-    int kind = (int)(source % SOURCE_COUNT);
-    if (kind < SOURCE_LINE) {
-        node_timer(k, r, (mcu_t)kind);
-    } else if (kind < SOURCE_QUEUE) {
-        uart_byte_end(k, r, kind - SOURCE_LINE);
-    } else if (kind < SOURCE_SPI) {
-        uart_queue_due(k, r, kind - SOURCE_QUEUE);
-    } else if (kind == SOURCE_SPI) {
-        spi_due(k, r);
-    } else if (kind < SOURCE_TCP_HEAD) {
-        tcp_link_due(k, r, kind - SOURCE_TCP_LINK);
-    } else if (kind < SOURCE_CAMERA) {
-        tcp_head_due(k, r, kind - SOURCE_TCP_HEAD);
-    } else if (kind == SOURCE_CAMERA) {
-        camera_due(k, r);
-    } else if (kind == SOURCE_NETWORK) {
-        network_due(k, r);
-    } else {
-        storage_due(k, r);
-    }
-}
-
-int kernel_run(kernel_t *k, int64_t until_ns, int robot, size_t bytes) {
-    if (until_ns < k->now_ns) {
-        return KERNEL_ERR_TIME;
-    }
-    const robot_t *watched = robot_of(k, robot);
-    for (;;) {
-        if (k->report.failed) {
-            return KERNEL_ERR_IMAGE;
-        }
-        if (watched != NULL && watched->host_in.fill >= bytes) {
-            return KERNEL_BYTES;
-        }
-        int64_t next_ns = events_next_ns(&k->events);
-        if (next_ns > until_ns) {
-            break;
-        }
-        k->now_ns = next_ns;
-        k->handled++;
-        handle(k, events_pop(&k->events));
-        if (k->trace.failed) {
-            return KERNEL_ERR_MEMORY;
-        }
-    }
-    k->now_ns = until_ns;
-    return KERNEL_UNTIL;
-}
-
 int64_t kernel_now_ns(const kernel_t *k) {
     return k->now_ns;
 }
 
 uint64_t kernel_events(const kernel_t *k) {
-    return k->handled;
+    uint64_t handled = 0;
+    for (uint32_t i = 0; i < k->robot_count; i++) {
+        handled += k->robots[i]->handled;
+    }
+    return handled;
 }

@@ -6,11 +6,11 @@ static void answer_no_card(storage_t *storage) {
     storage->size = STORAGE_HEAD_BYTES;
 }
 
-void storage_poll(kernel_t *k, robot_t *r) {
+void storage_poll(robot_t *r) {
     storage_t *storage = &r->storage;
     uint8_t request[STORAGE_REQUEST_MAX];
     const size_t size =
-        node_transmit(k, r, MCU_STM32, STM32_PORT_STORAGE, (bytes_mut_t){request, sizeof request});
+        node_transmit(r, MCU_STM32, STM32_PORT_STORAGE, (bytes_mut_t){request, sizeof request});
     if (size == 0) {
         return;
     }
@@ -22,26 +22,26 @@ void storage_poll(kernel_t *k, robot_t *r) {
     } else {
         size_t answered = 0;
         duration_ns =
-            storage->function(storage->context, k->now_ns, request, size, storage->answer, &answered);
+            storage->function(storage->context, r->now_ns, request, size, storage->answer, &answered);
         storage->size = answered < sizeof storage->answer ? answered : sizeof storage->answer;
     }
-    robot_at(k, r, SOURCE_STORAGE, k->now_ns + (duration_ns > 0 ? duration_ns : 0));
+    robot_at(r, SOURCE_STORAGE, r->now_ns + (duration_ns > 0 ? duration_ns : 0));
 }
 
-void storage_due(kernel_t *k, robot_t *r) {
+void storage_due(robot_t *r) {
     storage_t *storage = &r->storage;
     storage->busy = false;
-    node_receive(k, r, MCU_STM32, STM32_PORT_STORAGE, (bytes_t){storage->answer, storage->size});
-    node_poll(k, r, MCU_STM32);
+    node_receive(r, MCU_STM32, STM32_PORT_STORAGE, (bytes_t){storage->answer, storage->size});
+    node_poll(r, MCU_STM32);
 }
 
-void storage_off(kernel_t *k, robot_t *r) {
+void storage_off(robot_t *r) {
     storage_t *storage = &r->storage;
-    robot_not(k, r, SOURCE_STORAGE);
+    robot_not(r, SOURCE_STORAGE);
     storage->busy = false;
     if (storage->function != NULL) {
         size_t answered = 0;
-        storage->function(storage->context, k->now_ns, NULL, 0, storage->answer, &answered);
+        storage->function(storage->context, r->now_ns, NULL, 0, storage->answer, &answered);
     }
 }
 

@@ -33,28 +33,28 @@ static bool window_open(const robot_t *r) {
            under_way + TCP_SEGMENT_BYTES <= ring_room(&r->host_in);
 }
 
-static size_t take(kernel_t *k, robot_t *r, int direction, segment_t *segment) {
+static size_t take(robot_t *r, int direction, segment_t *segment) {
     if (direction == TO_ESP32) {
         return ring_read(&r->host_out, segment->bytes, TCP_SEGMENT_BYTES);
     }
     bytes_mut_t out = {segment->bytes, TCP_SEGMENT_BYTES};
-    return window_open(r) ? node_transmit(k, r, MCU_ESP32, ESP32_PORT_TCP, out) : 0;
+    return window_open(r) ? node_transmit(r, MCU_ESP32, ESP32_PORT_TCP, out) : 0;
 }
 
-void tcp_poll(kernel_t *k, robot_t *r, int direction) {
+void tcp_poll(robot_t *r, int direction) {
     tcp_pipe_t *pipe = &r->pipes[direction];
     if (!r->connected || pipe->on_link || pipe->fill == pipe->capacity) {
         return;
     }
     wire_t wire = wire_of(direction);
     carrier_t *carrier = &r->carriers[wire];
-    int64_t free_ns = carrier_free_ns(carrier, k->now_ns);
-    if (free_ns > k->now_ns) {
-        robot_at(k, r, (uint32_t)(SOURCE_TCP_LINK + direction), free_ns);
+    int64_t free_ns = carrier_free_ns(carrier, r->now_ns);
+    if (free_ns > r->now_ns) {
+        robot_at(r, (uint32_t)(SOURCE_TCP_LINK + direction), free_ns);
         return;
     }
     segment_t *segment = segment_at(pipe, pipe->fill);
-    size_t size = take(k, r, direction, segment);
+    size_t size = take(r, direction, segment);
     if (size == 0) {
         return;
     }
@@ -66,26 +66,26 @@ void tcp_poll(kernel_t *k, robot_t *r, int direction) {
     pipe->on_link = true;
     carrier->counts.units++;
     carrier->counts.bytes += size;
-    robot_at(k, r, (uint32_t)(SOURCE_TCP_LINK + direction),
-             k->now_ns + wire_time_ns(size, r->config.tcp_byte_ps));
-    if (k->trace.mode != TRACE_OFF) {
-        int64_t local_ns = direction == TO_HOST ? node_local_ns(k, &r->nodes[MCU_ESP32]) : k->now_ns;
+    robot_at(r, (uint32_t)(SOURCE_TCP_LINK + direction),
+             r->now_ns + wire_time_ns(size, r->config.tcp_byte_ps));
+    if (r->trace->mode != TRACE_OFF) {
+        int64_t local_ns = direction == TO_HOST ? node_local_ns(r, &r->nodes[MCU_ESP32]) : r->now_ns;
         trace_begin(&r->traces[wire], &(trace_run_t){.local_start_ns = local_ns,
-                                                     .true_start_ns = k->now_ns,
+                                                     .true_start_ns = r->now_ns,
                                                      .byte_ps = r->config.tcp_byte_ps,
                                                      .robot = (int16_t)r->index,
                                                      .wire = (uint8_t)wire});
-        trace_bytes(&k->trace, &r->traces[wire], (bytes_t){segment->bytes, size});
-        trace_end(&k->trace, &r->traces[wire]);
+        trace_bytes(r->trace, &r->traces[wire], (bytes_t){segment->bytes, size});
+        trace_end(r->trace, &r->traces[wire]);
     }
 }
 
-static int64_t arrival_ns(kernel_t *k, robot_t *r, int direction) {
+static int64_t arrival_ns(robot_t *r, int direction) {
     carrier_t *carrier = &r->carriers[wire_of(direction)];
     if (!carrier->faulty) {
-        return k->now_ns;
+        return r->now_ns;
     }
-    int64_t sent_ns = k->now_ns;
+    int64_t sent_ns = r->now_ns;
     for (int tries = 1; tries < TCP_TRIES_MAX && carrier_loses(carrier, sent_ns); tries++) {
         sent_ns += r->config.tcp_rto_ns;
     }
@@ -99,82 +99,82 @@ static void pop(tcp_pipe_t *pipe) {
         pipe->fill != 0 && pipe->head + 1 < pipe->capacity ? pipe->head + 1 : 0; // 0 stays in the cache
 }
 
-static bool arrived(const kernel_t *k, tcp_pipe_t *pipe) {
-    return pipe->fill != 0 && segment_at(pipe, 0)->arrival_ns <= k->now_ns;
+static bool arrived(const robot_t *r, tcp_pipe_t *pipe) {
+    return pipe->fill != 0 && segment_at(pipe, 0)->arrival_ns <= r->now_ns;
 }
 
-static void await_head(kernel_t *k, robot_t *r, int direction) {
+static void await_head(robot_t *r, int direction) {
     tcp_pipe_t *pipe = &r->pipes[direction];
     if (pipe->fill != 0 && segment_at(pipe, 0)->arrival_ns != INT64_MAX) {
-        robot_at(k, r, (uint32_t)(SOURCE_TCP_HEAD + direction), segment_at(pipe, 0)->arrival_ns);
+        robot_at(r, (uint32_t)(SOURCE_TCP_HEAD + direction), segment_at(pipe, 0)->arrival_ns);
     }
 }
 
-void tcp_offer(kernel_t *k, robot_t *r) {
+void tcp_offer(robot_t *r) {
     tcp_pipe_t *pipe = &r->pipes[TO_ESP32];
-    while (arrived(k, pipe)) {
+    while (arrived(r, pipe)) {
         segment_t *segment = segment_at(pipe, 0);
         bytes_t rest = {segment->bytes + segment->taken, (size_t)(segment->size - segment->taken)};
-        int taken = rest.size == 0 ? 0 : node_receive(k, r, MCU_ESP32, ESP32_PORT_TCP, rest);
+        int taken = rest.size == 0 ? 0 : node_receive(r, MCU_ESP32, ESP32_PORT_TCP, rest);
         segment->taken = (uint16_t)(segment->taken + (taken > 0 ? taken : 0));
         if (segment->taken < segment->size) {
             return;
         }
         pop(pipe);
-        tcp_poll(k, r, TO_ESP32);
-        if (!arrived(k, pipe)) {
-            await_head(k, r, TO_ESP32);
+        tcp_poll(r, TO_ESP32);
+        if (!arrived(r, pipe)) {
+            await_head(r, TO_ESP32);
         }
     }
 }
 
-void tcp_head_due(kernel_t *k, robot_t *r, int direction) {
+void tcp_head_due(robot_t *r, int direction) {
     if (direction == TO_HOST) {
         tcp_pipe_t *pipe = &r->pipes[TO_HOST];
-        while (arrived(k, pipe)) {
+        while (arrived(r, pipe)) {
             segment_t *segment = segment_at(pipe, 0);
             ring_write(&r->host_in, segment->bytes, segment->size); // fits: window_open kept the room
             pop(pipe);
         }
-        await_head(k, r, TO_HOST);
+        await_head(r, TO_HOST);
     }
-    node_poll(k, r, MCU_ESP32); // offers to the ESP32 what came for it, or uses the window that has opened
+    node_poll(r, MCU_ESP32); // offers to the ESP32 what came for it, or uses the window that has opened
 }
 
-void tcp_link_due(kernel_t *k, robot_t *r, int direction) {
+void tcp_link_due(robot_t *r, int direction) {
     tcp_pipe_t *pipe = &r->pipes[direction];
     if (pipe->on_link) {
         pipe->on_link = false;
         segment_t *segment = segment_at(pipe, pipe->fill - 1);
-        int64_t arrives_ns = arrival_ns(k, r, direction);
+        int64_t arrives_ns = arrival_ns(r, direction);
         pipe->last_ns = arrives_ns > pipe->last_ns ? arrives_ns : pipe->last_ns;
         segment->arrival_ns = pipe->last_ns;
         size_t left = carrier_damage(&r->carriers[wire_of(direction)], segment->bytes, segment->size);
         pipe->under_way -= (uint32_t)(segment->size - left);
         segment->size = (uint16_t)left;
         if (pipe->fill == 1) {
-            await_head(k, r, direction);
+            await_head(r, direction);
         }
     }
-    if (arrived(k, pipe)) {
-        robot_not(k, r, (uint32_t)(SOURCE_TCP_HEAD + direction));
-        tcp_head_due(k, r, direction);
+    if (arrived(r, pipe)) {
+        robot_not(r, (uint32_t)(SOURCE_TCP_HEAD + direction));
+        tcp_head_due(r, direction);
     } else if (direction == TO_HOST) {
-        node_poll(k, r, MCU_ESP32);
+        node_poll(r, MCU_ESP32);
     }
     if (direction == TO_ESP32) {
-        tcp_poll(k, r, TO_ESP32);
+        tcp_poll(r, TO_ESP32);
     }
 }
 
-void tcp_cut(kernel_t *k, robot_t *r) {
+void tcp_cut(robot_t *r) {
     for (int direction = 0; direction < 2; direction++) {
         tcp_pipe_t *pipe = &r->pipes[direction];
         pipe->head = pipe->fill = pipe->under_way = 0;
         pipe->on_link = false;
         pipe->last_ns = 0;
-        robot_not(k, r, (uint32_t)(SOURCE_TCP_LINK + direction));
-        robot_not(k, r, (uint32_t)(SOURCE_TCP_HEAD + direction));
+        robot_not(r, (uint32_t)(SOURCE_TCP_LINK + direction));
+        robot_not(r, (uint32_t)(SOURCE_TCP_HEAD + direction));
     }
     r->host_out.head = r->host_out.fill = 0;
 }

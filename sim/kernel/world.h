@@ -26,6 +26,7 @@ enum {
     NETWORK_COMMAND_BYTES = 128,
     GAP8_RESET_NS = 100000000, ///< NETWORK_RESET_GAP8
     TRUTH_MAX = 65536,
+    CAPTURES_MAX = 64, ///< of one robot, before they go into the truth
 };
 
 /// Every robot has these sources of events, each at most once in the queue.
@@ -167,9 +168,23 @@ typedef struct {
 
 typedef struct recorder recorder_t; ///< calls.h
 
+/// A frame_truth_t, and when it was known.
+typedef struct {
+    int64_t known_ns;
+    frame_truth_t truth;
+} capture_t;
+
+/// Robots share nothing while they run: each has its own time and its own events.
 typedef struct {
     uint32_t index;
     robot_config_t config;
+    int64_t now_ns;
+    events_t events;
+    uint64_t handled;
+    trace_t *trace; ///< the kernel's; while robots run side by side, only its mode is looked at
+    emulator_report_t report;
+    capture_t captures[CAPTURES_MAX]; ///< of this window: they go into the kernel's truth
+    uint32_t captured, captures_kept;
     node_t nodes[MCU_COUNT];
     recorder_t *recorders[MCU_COUNT]; ///< NULL: its calls are not recorded
     carrier_t carriers[WIRE_COUNT];
@@ -195,23 +210,21 @@ typedef struct {
 
 struct kernel {
     uint64_t seed;
-    int64_t now_ns;
-    events_t events;
-    uint64_t handled;
+    int64_t now_ns; ///< between two calls, every robot's
     robot_t **robots;
     uint32_t robot_count;
     trace_t trace;
-    emulator_report_t report;
-    frame_truth_t *truth; ///< ring of TRUTH_MAX
+    const robot_t *failed; ///< whose image ended the run; NULL: none has
+    frame_truth_t *truth;  ///< ring of TRUTH_MAX
     uint32_t truth_head, truth_fill;
     uint64_t truth_lost;
 };
 
-static inline void robot_at(kernel_t *k, const robot_t *r, uint32_t source, int64_t time_ns) {
-    events_set(&k->events, r->index * SOURCE_COUNT + source, time_ns > k->now_ns ? time_ns : k->now_ns);
+static inline void robot_at(robot_t *r, uint32_t source, int64_t time_ns) {
+    events_set(&r->events, source, time_ns > r->now_ns ? time_ns : r->now_ns);
 }
-static inline void robot_not(kernel_t *k, const robot_t *r, uint32_t source) {
-    events_clear(&k->events, r->index * SOURCE_COUNT + source);
+static inline void robot_not(robot_t *r, uint32_t source) {
+    events_clear(&r->events, source);
 }
 
 /// NULL if there is no such robot.
@@ -220,59 +233,59 @@ static inline robot_t *robot_of(const kernel_t *k, int robot) {
 }
 
 // node.c
-int64_t node_local_ns(const kernel_t *k, node_t *node);
-instant_t node_instant(const kernel_t *k, node_t *node);
+int64_t node_local_ns(const robot_t *r, node_t *node);
+instant_t node_instant(const robot_t *r, node_t *node);
 /// 0 and nothing when it is off.
-int node_receive(kernel_t *k, robot_t *r, mcu_t mcu, int port, bytes_t in);
-size_t node_transmit(kernel_t *k, robot_t *r, mcu_t mcu, int port, bytes_mut_t out);
-void node_poll(kernel_t *k, robot_t *r, mcu_t mcu);
+int node_receive(robot_t *r, mcu_t mcu, int port, bytes_t in);
+size_t node_transmit(robot_t *r, mcu_t mcu, int port, bytes_mut_t out);
+void node_poll(robot_t *r, mcu_t mcu);
 /// Sets the timer by the app's deadline; one that has passed has been polled already and waits for the next
 /// event.
-void node_set_timer(kernel_t *k, robot_t *r, mcu_t mcu);
-void node_timer(kernel_t *k, robot_t *r, mcu_t mcu);
-void node_off(kernel_t *k, robot_t *r, mcu_t mcu, int64_t off_ns);
+void node_set_timer(robot_t *r, mcu_t mcu);
+void node_timer(robot_t *r, mcu_t mcu);
+void node_off(robot_t *r, mcu_t mcu, int64_t off_ns);
 
 // emulated.c
 void emulated_free(robot_t *r);
 
 // uart.c
 void uart_init(robot_t *r);
-void uart_poll(kernel_t *k, robot_t *r, int line);
-void uart_byte_end(kernel_t *k, robot_t *r, int line);
-void uart_queue_due(kernel_t *k, robot_t *r, int wire);
-void uart_deliver(kernel_t *k, robot_t *r, int wire, uint8_t byte);
-void uart_off(kernel_t *k, robot_t *r, mcu_t mcu);
+void uart_poll(robot_t *r, int line);
+void uart_byte_end(robot_t *r, int line);
+void uart_queue_due(robot_t *r, int wire);
+void uart_deliver(robot_t *r, int wire, uint8_t byte);
+void uart_off(robot_t *r, mcu_t mcu);
 
 // spi.c
-void spi_poll(kernel_t *k, robot_t *r, mcu_t asker);
-void spi_due(kernel_t *k, robot_t *r);
-void spi_off(kernel_t *k, robot_t *r, mcu_t mcu);
+void spi_poll(robot_t *r, mcu_t asker);
+void spi_due(robot_t *r);
+void spi_off(robot_t *r, mcu_t mcu);
 
 // tcp.c
 bool tcp_init(robot_t *r);
-void tcp_poll(kernel_t *k, robot_t *r, int direction);
-void tcp_link_due(kernel_t *k, robot_t *r, int direction);
-void tcp_head_due(kernel_t *k, robot_t *r, int direction);
+void tcp_poll(robot_t *r, int direction);
+void tcp_link_due(robot_t *r, int direction);
+void tcp_head_due(robot_t *r, int direction);
 /// Offers to the ESP32 what has arrived and was not taken.
-void tcp_offer(kernel_t *k, robot_t *r);
-void tcp_cut(kernel_t *k, robot_t *r);
+void tcp_offer(robot_t *r);
+void tcp_cut(robot_t *r);
 
 // network.c
-void network_poll(kernel_t *k, robot_t *r);
-void network_due(kernel_t *k, robot_t *r);
+void network_poll(robot_t *r);
+void network_due(robot_t *r);
 /// Tells the ESP32 of a waiting host, if the network is up.
-void network_connect(kernel_t *k, robot_t *r);
-void network_disconnect(kernel_t *k, robot_t *r);
-void network_off(kernel_t *k, robot_t *r);
+void network_connect(robot_t *r);
+void network_disconnect(robot_t *r);
+void network_off(robot_t *r);
 
 // storage.c
-void storage_poll(kernel_t *k, robot_t *r);
-void storage_due(kernel_t *k, robot_t *r);
-void storage_off(kernel_t *k, robot_t *r);
+void storage_poll(robot_t *r);
+void storage_due(robot_t *r);
+void storage_off(robot_t *r);
 
 // camera.c
-void camera_poll(kernel_t *k, robot_t *r);
-void camera_due(kernel_t *k, robot_t *r);
-void camera_off(kernel_t *k, robot_t *r);
+void camera_poll(robot_t *r);
+void camera_due(robot_t *r);
+void camera_off(robot_t *r);
 
 #endif
