@@ -14,6 +14,7 @@ CONFIG_BYTES_MAX = 1 << 20
 
 STATE = [f"stateEstimate.{name}" for name in ("x", "y", "z", "vx", "vy", "vz", "qx", "qy", "qz", "qw")]
 POSE = ["on:estPose", *(f"locSrv.{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))]
+BEACONS = ["on:beacon"]
 FULL = [
     *STATE,
     *(f"stateEstimate.{name}" for name in ("roll", "pitch", "yaw")),
@@ -21,8 +22,8 @@ FULL = [
     "pm.vbat",
 ]
 BUILT_IN = {
-    "state": ["1", "8192", "log", "1", "on:fixedFrequency", "250", "1", *STATE, *POSE],
-    "full": ["1", "65535", "log", "1", "on:fixedFrequency", "1000", "1", *FULL, *POSE],
+    "state": ["1", "8192", "log", "1", "on:fixedFrequency", "250", "1", *STATE, *POSE, *BEACONS],
+    "full": ["1", "65535", "log", "1", "on:fixedFrequency", "1000", "1", *FULL, *POSE, *BEACONS],
 }
 """Their names are in settings.CONFIGS, for the documentation."""
 assert list(BUILT_IN) == list(CONFIGS)

@@ -1,94 +1,104 @@
 """The radio of a host that broadcasts to all robots of a world: nobody acknowledges, each hears for itself or not.
 
-A broadcast leaves the host late by `host_delay_us`, the same for all robots. Each robot hears it, or not, on its own,
-and later by `floor_us` and an exponential delay of its own, from its radio chip to the moment when a task has it.
+A robot hears a broadcast, or not, and later by a fixed time and by an exponential delay of its own: from the host's
+antenna to the moment when a task of the robot has the packet. The host's clock is the true time, from HOST_START_US on.
 """
 
 from __future__ import annotations
 
+import heapq
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .world import World
+from host.native import lib
+from host.protocol.errors import LocalError
+
+from .settings import General, RobotSettings
+
+if TYPE_CHECKING:
+    from .world import World
 
 BEACON = struct.Struct("<BBIQ")
 BEACON_HEAD = 0xD2, 0x62
 RESET = b"\x23\0usec\0reset\0\x08\x01"
 """The parameter usec.reset, set to 1 by its name."""
-NS_US = 1000
+HOST_START_US = 1 << 33
+REPEAT_NS = 1_000_000
+"""From one reset to the next, when it is repeated."""
+STREAM = 0x5261
+"""Of the random numbers."""
+NEVER_NS = 1 << 62
 
 
-@dataclass(frozen=True, slots=True)
-class Air:
-    """How broadcasts fare."""
-
-    delay_us: float = 300.0
-    """Mean of each robot's own delay."""
-    floor_us: float = 250.0
-    loss: float = 0.0
-    """Probability that a robot does not hear one, each by itself."""
-    host_delay_us: float = 0.0
-    """Mean of an exponential delay between the host's reading of its clock and the air."""
+@dataclass(frozen=True, slots=True, order=True)
+class Heard:
+    at_ns: int
+    """True time."""
+    robot: int
+    packet: bytes
+    number: int
+    """Of the broadcast among its like."""
 
 
 class Radio:
-    """Of a host whose clock is the true time, from `host_start_us` on."""
+    """Beacons and a reset, as the scenario has them."""
 
-    def __init__(self, world: World, air: Air | None = None, *, seed: int = 1, host_start_us: int = 1 << 33) -> None:
-        self.world = world
-        self.air = air or Air()
-        self.host_start_us = host_start_us
-        self.sequence = 0
-        self._random = np.random.default_rng([world.scenario.seed, seed])
+    def __init__(self, general: General, robots: tuple[RobotSettings, ...]) -> None:
+        self.general = general
+        self.robots = robots
+        self.heard_resets: list[list[int]] = [[] for _ in robots]
+        """By robot: which of the repeats."""
+        self._random = [np.random.default_rng([general.seed, STREAM, robot]) for robot in range(len(robots))]
+        self._broadcasts = self._all()
+        self._coming: list[Heard] = []
+        self._ahead: tuple[int, bytes, int] | None = next(self._broadcasts, None)
 
-    def beacons(self, seconds: float, hz: float = 1.0) -> None:
-        """Lets so much time pass, and broadcasts the host's clock meanwhile."""
-        start_ns = self.world.now_ns
-        heard = []
-        for each in range(int(seconds * hz)):
-            at_ns = start_ns + round(each * 1e9 / hz)
-            host_us = self.host_start_us + at_ns // NS_US
-            heard += self._hears(BEACON.pack(*BEACON_HEAD, self.sequence, host_us), at_ns)
-            self.sequence += 1
-        self._deliver(heard, start_ns + round(seconds * 1e9))
+    @property
+    def next_ns(self) -> int:
+        """True time at which a robot hears something next; NEVER_NS."""
+        # What is broadcast later is heard later than that, so it cannot come before what is heard until then.
+        while self._ahead is not None and (not self._coming or self._coming[0].at_ns >= self._ahead[0]):
+            for heard in self._hear(*self._ahead):
+                heapq.heappush(self._coming, heard)
+            self._ahead = next(self._broadcasts, None)
+        return self._coming[0].at_ns if self._coming else NEVER_NS
 
-    def reset(self, repeats: int = 1, every_us: int = 1000) -> list[list[int]]:
-        """Broadcasts that all stamp clocks start from 0, so many times; and which of these each robot has heard."""
-        start_ns = self.world.now_ns
-        heard = []
-        numbers: list[list[int]] = [[] for _ in self.world.robots]
-        for each in range(repeats):
-            came = self._hears(RESET, start_ns + each * every_us * NS_US)
-            heard += came
-            for _, robot, _ in came:
-                numbers[robot].append(each)
-        self._deliver(heard, start_ns)
-        return numbers
-
-    def _hears(self, packet: bytes, at_ns: int) -> list[tuple[int, int, bytes]]:
-        """(true time, robot, packet) of each robot that will hear it."""
-        air = self.air
-        sent_ns = at_ns + round(self._exponential(air.host_delay_us) * NS_US)
-        late = [air.floor_us + self._exponential(air.delay_us) for _ in self.world.robots]
-        lost = [self._random.random() < air.loss for _ in self.world.robots]
-        return [
-            (sent_ns + round(late[robot] * NS_US), robot, packet)
-            for robot in range(len(self.world.robots))
-            if not lost[robot]
-        ]
-
-    def _exponential(self, mean: float) -> float:
-        return float(self._random.exponential(mean))
-
-    def _deliver(self, heard: Sequence[tuple[int, int, bytes]], until_ns: int) -> None:
-        for at_ns, robot, packet in sorted(heard):
-            self.world.run_until(max(at_ns, self.world.now_ns))
-            if packet == RESET:
+    def deliver(self, world: World, now_ns: int) -> None:
+        """All that is heard by now."""
+        while self.next_ns <= now_ns:
+            heard = heapq.heappop(self._coming)
+            if heard.packet == RESET:
                 # In the Crazyflie a task of its firmware does this; here the stamp clock is the board's.
-                self.world.robots[robot].reset_stamp_clock("stm32")
-            else:
-                self.world.robots[robot].radio(packet)
-        self.world.run_until(max(until_ns, self.world.now_ns))
+                lib.kernel_reset_stamp_clock(world.kernel, heard.robot, lib.MCU_STM32, 0)
+                self.heard_resets[heard.robot].append(heard.number)
+            elif lib.kernel_radio(world.kernel, heard.robot, heard.packet, len(heard.packet)) < 0:
+                raise LocalError(f"robot {heard.robot} runs an image, which has no radio: beacon_hz=0")
+
+    def _all(self) -> Iterator[tuple[int, bytes, int]]:
+        """(true time, packet, number) of each broadcast, in order, without end if there are beacons."""
+        general = self.general
+        resets = [
+            (round(general.reset_s * 1e9) + each * REPEAT_NS, RESET, each)
+            for each in range(general.reset_repeats if general.reset_s else 0)
+        ]
+        yield from heapq.merge(resets, self._beacons()) if general.beacon_hz else resets
+
+    def _beacons(self) -> Iterator[tuple[int, bytes, int]]:
+        number = 0
+        while True:
+            number += 1
+            at_ns = round(number * 1e9 / self.general.beacon_hz)
+            sequence = number % (1 << 32)
+            yield at_ns, BEACON.pack(*BEACON_HEAD, sequence, HOST_START_US + at_ns // 1000), number
+
+    def _hear(self, at_ns: int, packet: bytes, number: int) -> Iterator[Heard]:
+        for robot, (settings, random) in enumerate(zip(self.robots, self._random, strict=True)):
+            radio = settings.radio
+            lost = random.random() < radio.loss
+            late_us = radio.latency_us + float(random.exponential(radio.jitter_us))
+            if not lost:
+                yield Heard(at_ns + round(late_us * 1000), robot, packet, number)

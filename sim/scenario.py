@@ -24,6 +24,7 @@ Value = Scalar | list[Scalar]
 TYPED: dict[type, Callable[[str], Scalar]] = {int: integer, float: real, str: str}
 PATHS = {"camera_path", "usd_config", "usd_image"}
 FRAME_PERIOD_S_MAX = 10
+BEACON_PERIOD_S_MAX = 100
 MOCAP_PERIOD_S_MAX = 1000
 CRTP_PERIOD_S_MAX = 1000
 """In the STM32's configuration it has 32 bits of microseconds."""
@@ -36,6 +37,8 @@ class Scenario:
     seed: int
     robot: int
     pace: Literal["real", "max"]
+    general: General
+    """These and the other keys above all tables."""
     robots: tuple[RobotSettings, ...]
     values: Mapping[str, Value]
     """Every key with its value, JSON-able: Scenario.of(name, values) makes the same one again."""
@@ -53,7 +56,13 @@ class Scenario:
         robots = tuple(_robot(resolved, index, general.robots) for index in range(general.robots))
         for robot in robots:
             check_robot(robot)
-        return cls(name, general.seed, general.robot, general.pace, robots, resolved)
+            if general.beacon_hz and robot.backend == "emulated":
+                raise LocalError("beacon_hz with backend=emulated: the image has no radio")
+        if 0 < general.beacon_hz < 1 / BEACON_PERIOD_S_MAX:
+            raise LocalError(
+                f"beacon_hz={plain(general.beacon_hz)}: allowed is 0, or {plain(1 / BEACON_PERIOD_S_MAX)} and more"
+            )
+        return cls(name, general.seed, general.robot, general.pace, general, robots, resolved)
 
     def changed(self, overrides: Mapping[str, object]) -> Scenario:
         """With these keys set anew."""

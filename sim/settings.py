@@ -34,6 +34,11 @@ class General:
     seed: int = number(1, 0, 2**64 - 1, "", "of everything random; the same seed gives the same bytes")
     robots: int = number(1, 1, 256, "", "how many robots fly")
     robot: int = number(0, 0, 255, "", "which of them this port belongs to, counted from 0")
+    beacon_hz: float = number(0, 0, 100, "1/s", "beacons by which a host tells all robots its time, by radio; 0: none")
+    reset_s: float = number(
+        0, 0, 1_000_000, "s", "when a broadcast by radio sets all STM32 stamp clocks to 0; 0: never"
+    )
+    reset_repeats: int = number(1, 1, 100, "", "times that it is sent, 1 ms apart")
     pace: Literal["real", "max"] = choice("real", "of a sim:// port: not ahead of wall time, or as fast as it goes")
 
 
@@ -114,6 +119,15 @@ class Wifi:
 @dataclass(frozen=True, slots=True)
 class Crtp:
     hz: float = number(0, 0, 1000, "1/s", "console packets of the STM32 while the host has the bridge on; 0: none")
+
+
+@dataclass(frozen=True, slots=True)
+class Radio:
+    """What is broadcast to all robots, as this one hears it."""
+
+    latency_us: float = number(250, 0, 1_000_000, "us", "from the host's antenna to the robot's task, at least")
+    jitter_us: float = number(300, 0, 1_000_000, "us", "mean of an exponential delay added to that")
+    loss: float = number(0, 0, 1, "", "probability that it does not hear a broadcast")
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,6 +217,7 @@ class RobotSettings:
     camera: Camera = field(default_factory=Camera)
     wifi: Wifi = field(default_factory=Wifi)
     crtp: Crtp = field(default_factory=Crtp)
+    radio: Radio = field(default_factory=Radio)
     pose: Pose = field(default_factory=Pose)
     paper: Paper = field(default_factory=Paper)
     nanocockpit: Nanocockpit = field(default_factory=Nanocockpit)

@@ -24,6 +24,7 @@ from host.protocol.errors import LocalError, PeerError
 from . import camera, configure, emulated, scenario
 from .images import Image
 from .journal import Journal, Record
+from .radio import Radio
 from .receiver import Dialect, Receiver
 from .replay import repeat
 from .robot import Robot
@@ -113,6 +114,7 @@ class World:
         self._journal = (
             Journal([configure.unread_bytes_max(robot.settings) for robot in self.robots]) if keep_log else None
         )
+        self.radio = Radio(source.general, source.robots)
         self._receivers: list[Receiver] = []
         self._closed_log: list[Record] | None = None
 
@@ -207,11 +209,13 @@ class World:
                 now_ns = self.now_ns
                 if true_ns < now_ns:
                     raise LocalError(f"true time {true_ns} ns has passed: it is {now_ns} ns")
-                bytes_first = self._kernel_run(min(true_ns, now_ns + SLICE_NS), robot, size)
+                stop_ns = min(true_ns, now_ns + SLICE_NS, self.radio.next_ns)
+                bytes_first = self._kernel_run(stop_ns, robot, size)
+                self.radio.deliver(self, self.now_ns)
                 self._keep_truth()
             if bytes_first:
                 return True
-            if now_ns + SLICE_NS >= true_ns:
+            if stop_ns >= true_ns:
                 return False
 
     def _keep_truth(self, now: bool = False) -> None:

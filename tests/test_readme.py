@@ -70,14 +70,17 @@ def test_commands(command: str, tmp_path: Path) -> None:
     if "usd_config=" in command:
         pytest.importorskip("fatfs", reason="fatfs-ng is not installed: pip install 'spindeck[card]'")
     words = [
-        word + ("&pace=max" if "?" in word else "?pace=max") if word.startswith("sim://") else word
+        word + ("&pace=max" if "?" in word else "?pace=max")
+        if word.startswith("sim://") and "pace=" not in word
+        else word
         for word in shlex.split(command, comments=True)
     ]
     result = host(*words, "--count", "2", "--json", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert '"event":"summary"' in result.stdout
     if "usd_config=" in command:
-        log = host("usd", "info", "card.img:/log00", "--json", cwd=tmp_path)
+        card = "card.0.img" if "swarm" in command else "card.img"
+        log = host("usd", "info", f"{card}:/log00", "--json", cwd=tmp_path)
         assert log.returncode == 0, log.stderr
         assert json.loads(log.stdout)["whole"] is True
 

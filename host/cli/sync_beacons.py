@@ -116,23 +116,24 @@ def bounded(value: float) -> float | None:
 
 
 def lines(labels: Sequence[str], fits: Sequence[Against], pairs: Sequence[Between]) -> Iterator[str]:
+    wide = max(32, *(len(f"{labels[pair.second]} against {labels[pair.first]}") for pair in pairs)) + 1
     ends = f"{'offset, us':>18}{'± us':>8}{'worst':>8}"
-    yield f"{'robot against host':32}{'beacons':>8}{'lost':>6}{'drift, ppm':>12}{ends}"
+    yield f"{'robot against host':{wide}}{'beacons':>8}{'lost':>6}{'drift, ppm':>12}{ends}"
     for label, fit in zip(labels, fits, strict=True):
         _, offset, bound, worst = to_host(fit)
         yield (
-            f"{label:32}{len(fit.beacons):8}{lost(fit.beacons):6}{fit.drift_ppm:+12.2f}{offset:+18.1f}"
+            f"{label:{wide}}{len(fit.beacons):8}{lost(fit.beacons):6}{fit.drift_ppm:+12.2f}{offset:+18.1f}"
             f"{shown(bound)}{shown(worst)}"
         )
     for label, fit in zip(labels, fits, strict=True):
         yield from (f"  {label}: {each}" for each in notes(fit))
     yield ""
-    yield f"{'second against first':32}{'common':>8}{'slope, ppm':>18}{ends}"
+    yield f"{'second against first':{wide}}{'common':>8}{'slope, ppm':>18}{ends}"
     for pair in pairs:
         name = f"{labels[pair.second]} against {labels[pair.first]}"
         slope = f"{pair.slope_ppm:+.3f} ±{shown(pair.slope_bound_ppm, 3).strip():>6}"
         yield (
-            f"{name:32}{pair.common:8}{slope:>18}{pair.offset_us:+18.1f}{shown(pair.bound_us)}{shown(pair.worst_us)}"
+            f"{name:{wide}}{pair.common:8}{slope:>18}{pair.offset_us:+18.1f}{shown(pair.bound_us)}{shown(pair.worst_us)}"
         )
     yield "Offsets are in the middle of what was heard; bounds hold for 99 %. How late the host itself sends is in none"
     yield "against the host; what comes later on one robot always is in none at all."

@@ -6,6 +6,7 @@ import argparse
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -171,14 +172,15 @@ def lines(
     for each, period in zip(heard, periods, strict=True):
         yield f"  {each.name}: {len(each.time_us)} broadcasts{clock_of(period)}"
     yield ""
-    yield f"{'second against first':32}{'common':>7}{'slope, ppm':>18}{'offset, us':>20}{'at 0, us':>16}{'sd, us':>8}"
+    wide = max(32, *(len(f"{a.name} against {b.name}") for a, b in combinations(heard, 2))) + 1
+    yield f"{'second against first':{wide}}{'common':>7}{'slope, ppm':>18}{'offset, us':>20}{'at 0, us':>16}{'sd, us':>8}"
     pairs = [each for each in found if isinstance(each, Pair)]
     for pair in pairs:
         name = f"{heard[pair.second].name} against {heard[pair.first].name}"
         slope = f"{pair.slope_ppm:+.1f} ± {pair.slope_sigma_ppm:.1f}"
         offset = f"{pair.offset_us:+.0f} ± {pair.offset_sigma_us:.0f}"
         start = f"{pair.start_us:+.0f} ± {pair.start_sigma_us:.0f}"
-        yield f"{name:32}{pair.common:7}{slope:>18}{offset:>20}{start:>16}{pair.residual_us:8.0f}"
+        yield f"{name:{wide}}{pair.common:7}{slope:>18}{offset:>20}{start:>16}{pair.residual_us:8.0f}"
     for robots, closure in closures(pairs).items():
         yield f"closure of {', '.join(heard[each].name for each in robots)}: {closure:+.2f} ppm"
     yield "Offsets are in the middle of what both heard. ± is one sigma; a reception that always is later is in none."

@@ -181,7 +181,10 @@ class Between:
 
 def between(first: int, second: int, one: Against, other: Against) -> Between | None:
     """None: they heard different runs of the host, or at different times."""
-    common = len(np.intersect1d(one.beacons.host_us, other.beacons.host_us))
+    heard, theard = (
+        set(zip(each.sequence.tolist(), each.host_us.tolist(), strict=True)) for each in (one.beacons, other.beacons)
+    )
+    common = len(heard & theard)
     begin = max(int(one.beacons.host_us[0]), int(other.beacons.host_us[0]))
     end = min(int(one.beacons.host_us[-1]), int(other.beacons.host_us[-1]))
     if not common or end <= begin:

@@ -1,55 +1,17 @@
 """A reset of all stamp clocks by broadcast, once or repeated, heard or missed: what `host sync robots` says of it."""
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "firmware"))
-
-from memory_card import Store
+from radio_flights import ROWS, SHUTDOWN, Flight, Store
 
 from host.cli import main
-from sim.radio import Air, Radio
 from sim.world import World
 
-ROWS = b"1\n8192\nlog\n1\non:fixedFrequency\n100\n1\npm.vbatMV\n"
-SHUTDOWN = bytes.fromhex("ff 03 59 01 30 94")
-PPM = [120.0, -80.0, 33.0]
-REPEATS = {"repeats": 8, "every_us": 2000}
-
-
-class Flight:
-    """Three robots: boot at different times, 3 s, a reset, the rest; the logs are in `folder`."""
-
-    def __init__(
-        self, folder: Path, air: Air, beacons: bool, seconds: float, seed: int = 3, hears: Any = None, **reset: int
-    ) -> None:
-        world = World("swarm", robots=3, stm32_ppm=PPM, stm32_boot_ms=[0.0, 350.0, 700.0], camera_fps=0, seed=seed)
-        stores = [Store(ROWS + (b"on:beacon\n" if beacons else b"")) for _ in world.robots]
-        for robot, store in zip(world.robots, stores, strict=True):
-            robot.set_storage(store)
-        world.run(3.0)
-        radio = Radio(world, air)
-        if hears is None:
-            self.heard = radio.reset(**reset)
-        else:
-            world.robots[0].reset_stamp_clock("stm32")
-            self.heard = [[0], [], []]
-        if beacons:
-            Radio(world, Air(loss=0.1), seed=2).beacons(seconds, 4.0)
-        else:
-            world.run(seconds)
-        self.stamps = [robot.stamp_us("stm32") for robot in world.robots]
-        for robot in world.robots:
-            robot.inject("uart2_to_stm32", SHUTDOWN)
-        world.run(1.0)
-        self.paths = []
-        for number, store in enumerate(stores):
-            (folder / f"cf{number}").write_bytes(bytes(store.files["log00"]))
-            self.paths.append(str(folder / f"cf{number}"))
+RESET = {"reset_s": 3, "stm32_boot_ms": [0.0, 350.0, 700.0]}
+DEAF = {"radio_loss": [0.0, 1.0, 1.0]}
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[dict[str, Any]]:
@@ -60,7 +22,7 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[dict[str, 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_one_reset_alone_is_zero_with_its_spread(seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    flight = Flight(tmp_path, Air(), beacons=False, seconds=10.0, seed=seed)
+    flight = Flight(tmp_path, 13.0, **RESET, seed=seed)
     pairs = said(capsys, *flight.paths)
     assert [(each["first"], each["second"], each["offset_us"]) for each in pairs] == [
         ("cf0", "cf1", 0), ("cf0", "cf2", 0), ("cf1", "cf2", 0),
@@ -75,7 +37,7 @@ def test_one_reset_alone_is_zero_with_its_spread(seed: int, tmp_path: Path, caps
 
 
 def test_a_robot_that_has_missed_it_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    flight = Flight(tmp_path, Air(), beacons=False, seconds=3.0, hears="one")
+    flight = Flight(tmp_path, 6.0, **RESET, **DEAF)
     assert main(["sync", "robots", *flight.paths]) == 4
     error = capsys.readouterr().err
     assert "cf1 has missed a reset" in error
@@ -85,23 +47,31 @@ def test_a_robot_that_has_missed_it_is_refused_by_name(tmp_path: Path, capsys: p
 def test_with_beacons_it_is_said_when_each_took_it_and_which_repeat(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    flight = Flight(tmp_path, Air(loss=0.5, delay_us=60.0), beacons=True, seconds=40.0, seed=11, **REPEATS)
+    flight = Flight(tmp_path, 45.0, **RESET, reset_repeats=8, beacon_hz=4, radio_loss=0.5, radio_jitter_us=30, seed=11)
     last = [heard[-1] for heard in flight.heard]
     assert len(set(last)) > 1, flight.heard
-    records = [each for each in said(capsys, *flight.paths, "--reset-every-us", "2000") if each["event"] == "reset"]
+    records = [each for each in said(capsys, *flight.paths, "--reset-every-us", "1000") if each["event"] == "reset"]
     assert [each["repeat"] for each in records] == [each - min(last) for each in last]
     for each, repeat in zip(records, last, strict=True):
-        assert abs(each["after_us"] - 2000 * (repeat - min(last))) < 500
-        assert each["of_another_packet"] is (repeat > min(last))
+        assert abs(each["after_us"] - 1000 * (repeat - min(last))) < 300
+        assert each["of_another_packet"] is (each["after_us"] - each["bound_us"] > 1400)
     assert main(["sync", "robots", *flight.paths]) == 0
     assert "all were set to 0 by a broadcast" in capsys.readouterr().out
 
 
 def test_with_beacons_one_that_missed_it_keeps_its_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    flight = Flight(tmp_path, Air(), beacons=True, seconds=30.0, hears="one")
-    records = said(capsys, *flight.paths)
-    assert [each["event"] for each in records] == ["robot"] * 3 + ["pair"] * 3 + ["reset"]
-    assert "cf1 has missed a reset" in records[-1]["not_told"]
+    flight = Flight(tmp_path, 33.0, **RESET, beacon_hz=4, seed=2)
+    assert [each["event"] for each in said(capsys, *flight.paths)] == ["robot"] * 3 + ["pair"] * 3 + ["reset"] * 3
+    # Another that has heard the same beacons, in a world without the reset.
+    store, world = Store(ROWS + b"on:beacon\n"), World("hover", camera_fps=0, beacon_hz=4, seed=2)
+    world.robots[0].set_storage(store)
+    world.run(33.0)
+    world.robots[0].inject("uart2_to_stm32", SHUTDOWN)
+    world.run(1.0)
+    (tmp_path / "deaf").write_bytes(bytes(store.files["log00"]))
+    records = said(capsys, flight.paths[0], str(tmp_path / "deaf"))
+    assert [each["event"] for each in records] == ["robot"] * 2 + ["pair", "reset"]
+    assert "deaf has missed a reset" in records[-1]["not_told"]
 
 
 def test_logs_that_begin_after_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
