@@ -173,7 +173,8 @@ def lines(
         yield f"  {each.name}: {len(each.time_us)} broadcasts{clock_of(period)}"
     yield ""
     wide = max(32, *(len(f"{a.name} against {b.name}") for a, b in combinations(heard, 2))) + 1
-    yield f"{'second against first':{wide}}{'common':>7}{'slope, ppm':>18}{'offset, us':>20}{'at 0, us':>16}{'sd, us':>8}"
+    columns = f"{'common':>7}{'slope, ppm':>18}{'offset, us':>20}{'at 0, us':>16}{'sd, us':>8}"
+    yield f"{'second against first':{wide}}{columns}"
     pairs = [each for each in found if isinstance(each, Pair)]
     for pair in pairs:
         name = f"{heard[pair.second].name} against {heard[pair.first].name}"
