@@ -15,7 +15,9 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 from host.protocol.errors import LocalError
 from host.protocol.typed import integer, real
 
-from .settings import CONFIGS, IMPOSSIBLE, SETTINGS, TABLES, General, RobotSettings, Scalar, Setting, Usd, plain
+from .keys import IMPOSSIBLE, SETTINGS, TABLES, Setting, plain
+from .possible import check_general, check_robot
+from .settings import CONFIGS, General, RobotSettings, Scalar
 
 # The module object, not its name: another project's `sim` may be the one of that name when a scenario is read.
 _PACKAGE = sys.modules[__package__]
@@ -23,11 +25,6 @@ _PACKAGE = sys.modules[__package__]
 Value = Scalar | list[Scalar]
 TYPED: dict[type, Callable[[str], Scalar]] = {int: integer, float: real, str: str}
 PATHS = {"camera_path", "usd_config", "usd_image"}
-FRAME_PERIOD_S_MAX = 10
-BEACON_PERIOD_S_MAX = 100
-MOCAP_PERIOD_S_MAX = 1000
-CRTP_PERIOD_S_MAX = 1000
-"""In the STM32's configuration it has 32 bits of microseconds."""
 
 
 @dataclass(frozen=True)
@@ -51,17 +48,10 @@ class Scenario:
             resolved[key] = checked(find(key), value)
         top: dict[str, Any] = {each.name: resolved[each.name] for each in fields(General)}
         general = General(**top)
-        if general.robot >= general.robots:
-            raise LocalError(f"robot={general.robot}: robots={general.robots}, so it may be 0 .. {general.robots - 1}")
         robots = tuple(_robot(resolved, index, general.robots) for index in range(general.robots))
         for robot in robots:
             check_robot(robot)
-            if general.beacon_hz and robot.backend == "emulated":
-                raise LocalError("beacon_hz with backend=emulated: the image has no radio")
-        if 0 < general.beacon_hz < 1 / BEACON_PERIOD_S_MAX:
-            raise LocalError(
-                f"beacon_hz={plain(general.beacon_hz)}: allowed is 0, or {plain(1 / BEACON_PERIOD_S_MAX)} and more"
-            )
+        check_general(general, robots)
         return cls(name, general.seed, general.robot, general.pace, general, robots, resolved)
 
     def changed(self, overrides: Mapping[str, object]) -> Scenario:
@@ -219,60 +209,6 @@ def _robot(values: Mapping[str, Value], index: int, count: int) -> RobotSettings
     for name, table in tables.items():
         top[name] = TABLES[name](**table)
     return RobotSettings(**top)
-
-
-def check_robot(robot: RobotSettings) -> None:
-    """Values that are possible alone and impossible together."""
-    for name in ("stm32", "gap8", "esp32"):
-        clock = getattr(robot, name)
-        if clock.stamp_start_us >> clock.stamp_bits:
-            raise LocalError(
-                f"{name}_stamp_start_us={clock.stamp_start_us}: allowed is 0 .. 2^{clock.stamp_bits} - 1, "
-                f"as {name}_stamp_bits={clock.stamp_bits}"
-            )
-    if robot.backend == "emulated" and robot.stm32.quantum != "1us":
-        raise LocalError(
-            f"stm32_quantum={robot.stm32.quantum} with backend=emulated: the image's timer counts single us"
-        )
-    if robot.firmware == "stock" and robot.wire == "uart1":
-        raise LocalError("wire=uart1 with firmware=stock: stock firmware sends no stamps, so nothing would ever come")
-    if 0 < robot.crtp.hz < 1 / CRTP_PERIOD_S_MAX:
-        raise LocalError(f"crtp_hz={plain(robot.crtp.hz)}: allowed is 0, or {plain(1 / CRTP_PERIOD_S_MAX)} and more")
-    check_card(robot.usd)
-    camera = robot.camera
-    if robot.firmware == "nanocockpit" and robot.wire == "uart2":
-        raise LocalError("wire=uart2 with firmware=nanocockpit: its ESP32 does not listen to UART2")
-    if robot.firmware == "nanocockpit" and camera.encoding == "jpeg":
-        raise LocalError("camera_encoding=jpeg with firmware=nanocockpit: it sends raw pictures only")
-    if camera.fps == 0:
-        return
-    if camera.burst / camera.fps > FRAME_PERIOD_S_MAX:
-        raise LocalError(
-            f"camera_fps={plain(camera.fps)}: allowed is 0, or {plain(camera.burst / FRAME_PERIOD_S_MAX)} and more "
-            f"with camera_burst={camera.burst}"
-        )
-    capture_s = (camera.height + camera.exposure_lines) * camera.line_time_ns * 1e-9
-    if camera.fps * capture_s > 1:
-        raise LocalError(
-            f"camera_fps={plain(camera.fps)}: allowed is 0 .. {1 / capture_s:.2f}, as {camera.height} rows and "
-            f"{camera.exposure_lines} lines of exposure take {capture_s * 1e3:.1f} ms"
-        )
-
-
-def check_card(usd: Usd) -> None:
-    if 0 < usd.mocap_hz < 1 / MOCAP_PERIOD_S_MAX:
-        raise LocalError(
-            f"usd_mocap_hz={plain(usd.mocap_hz)}: allowed is 0, or {plain(1 / MOCAP_PERIOD_S_MAX)} and more"
-        )
-    if usd.image and not usd.config:
-        raise LocalError(f"usd_image={usd.image}: there is no card without usd_config")
-    if usd.stall_ms and not usd.stall_ms <= usd.stall_p99_ms <= usd.stall_max_ms:
-        raise LocalError(
-            f"usd_stall_ms={plain(usd.stall_ms)}, usd_stall_p99_ms={plain(usd.stall_p99_ms)}, "
-            f"usd_stall_max_ms={plain(usd.stall_max_ms)}: each must be at least the one before"
-        )
-    if usd.free_mb > usd.size_mb:
-        raise LocalError(f"usd_free_mb={usd.free_mb}: the card has usd_size_mb={usd.size_mb}")
 
 
 def markdown() -> str:

@@ -24,6 +24,7 @@ from host.protocol.errors import LocalError, PeerError
 from . import camera, configure, emulated, scenario
 from .images import Image
 from .journal import Journal, Record
+from .possible import check_robot
 from .radio import Radio
 from .receiver import Dialect, Receiver
 from .replay import repeat
@@ -123,7 +124,7 @@ class World:
         if pictures is not None:
             own = dataclasses.replace(settings.camera, width=pictures.width, height=pictures.height)
             settings = dataclasses.replace(settings, camera=own)
-            scenario.check_robot(settings)
+            check_robot(settings)
         result = lib.kernel_add_robot(self.kernel, configure.robot_config(settings, self.scenario.seed, index))
         if result == lib.KERNEL_ERR_MEMORY:
             raise MemoryError

@@ -8,7 +8,7 @@ import pytest
 
 from host.protocol.errors import LocalError
 from sim import scenario
-from sim.settings import SETTINGS
+from sim.keys import SETTINGS
 
 ROOT = Path(__file__).resolve().parents[2]
 
