@@ -41,6 +41,21 @@ examples:
   host sync robots cf231_00 cf5_00 --reset
   host sync robots cf231_00 cf5_00 --variable stateEstimate.px,stateEstimate.py,stateEstimate.pz --json
 """
+CAMERA_EXAMPLES = """\
+The robot, its camera running and its gyro logged (gyro.x, gyro.y, gyro.z, 500 Hz or more), is turned to and fro by
+hand, quickly, for 20 s or more, in front of things that are some metres away. How far pictures have moved is fitted to
+the integral of the gyro, each row at its own time. The offset is what has to be added to a frame's time to have the
+log's; sigma is one standard deviation. Beside it stands what the dataset paper did: the first frame that has moved.
+
+Frames of native firmware say how long rows and exposure take; for others give --line-time-us and --exposure-us, or the
+offset is that of the middle row's middle of exposure. The Crazyflie filters its gyro, which makes it 4.7 ms late: that
+is taken off. With too little rotation or texture there is a reason instead of an offset (exit code 4).
+
+examples:
+  host sync camera turned.mcap log00
+  host sync camera turned.mcap log00 --plot turned.svg --json
+  host sync camera paper.mcap log00 --line-time-us 125.3 --exposure-us 12500
+"""
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -68,6 +83,23 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="so long from repeat to repeat of that broadcast",
     )
     robots.add_argument("--variable", metavar="NAMES", help="what was broadcast: variables, joined by commas")
+    camera = add_verb(verbs, "camera", run_camera, "compare frames with the gyro's log of their robot", CAMERA_EXAMPLES)
+    camera.add_argument("file", metavar="REC", help="a recording (host stream --record)")
+    camera.add_argument("log", metavar="LOG", help="the µSD log of the same robot and run")
+    camera.add_argument("--robot", metavar="N", type=int, help="which of the recording's robots")
+    camera.add_argument("--own-times", action="store_true", help="the robot's estimates, not those of 'sync stamps'")
+    camera.add_argument("--line-time-us", metavar="US", type=float, help="from row to row, where frames do not say it")
+    camera.add_argument("--exposure-us", metavar="US", type=float, help="likewise")
+    camera.add_argument("--raw-gyro", action="store_true", help="the log's gyro went through no filters")
+    camera.add_argument("--within-ms", metavar="MS", type=float, default=500.0, help="how far off it may be (500)")
+    camera.add_argument("--plot", metavar="FILE", help="draw search, residuals and parts: .svg or .png")
+    camera.add_argument("--force", action="store_true", help="overwrite FILE")
+
+
+def run_camera(arguments: argparse.Namespace) -> int:
+    from . import sync_camera
+
+    return sync_camera.run(arguments)
 
 
 def run_stamps(arguments: argparse.Namespace) -> int:

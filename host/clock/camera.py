@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera_coarse import Coarse, coarse
-from .camera_fit import Fit, fit, start
+from .camera_fit import Fit, Part, by_part, fit, start
 from .camera_model import MIDDLE, Places, expected, mount
 from .camera_onset import Onsets, onsets
 from .camera_patches import find, smooth
@@ -47,9 +47,14 @@ LINE_S = 100e-6
 class Film(Protocol):
     """Frames in the order of their stamps; can be gone through more than once."""
 
-    width: int
-    height: int
-    stamp_us: Floats
+    @property
+    def width(self) -> int: ...
+
+    @property
+    def height(self) -> int: ...
+
+    @property
+    def stamp_us(self) -> Floats: ...
 
     def __iter__(self) -> Iterator[NDArray[np.uint8]]: ...
 
@@ -79,6 +84,7 @@ class Aligned:
     onsets: Onsets | None
     lag_s: float
     """Taken off: of the gyro's low-passes."""
+    parts: list[Part]
 
 
 def align(
@@ -179,8 +185,9 @@ def refine(
     stamp_s = np.append(pairs_s[:, 0], pairs_s[-1, 1])
     begun = onsets(turning.time_s, turning.rate_rad_s, stamp_s, moved_px)
     return Aligned(
-        zero_us, fitted, not line_free, line or fitted, assumed, first, places, moved_px, explained, begun, lag
-    )
+        zero_us, fitted, not line_free, line or fitted, assumed, first, places, moved_px, explained, begun, lag,
+        by_part(places, turning, assumed, fitted),
+    )  # fmt: skip
 
 
 def tile_motion(film: Film, tiles: Tiles) -> tuple[Floats, Floats]:

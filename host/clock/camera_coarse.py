@@ -33,6 +33,9 @@ class Coarse:
     """Part of the tiles' motion (sum of squares) that goes with the gyro."""
     rival_s: float | None
     """Another offset that does as well."""
+    offsets_s: Floats
+    explained_at: Floats
+    """For each of them; NaN where the log has too few of the frames."""
 
 
 def coarse(
@@ -69,7 +72,7 @@ def coarse(
         return None
     rival = rival_of(explained, best)
     rival_s = None if rival is None else float(offsets[rival])
-    return Coarse(middle_s, focal_px, pitch_deg, roll_deg, float(explained[best]), rival_s)
+    return Coarse(middle_s, focal_px, pitch_deg, roll_deg, float(explained[best]), rival_s, offsets, explained)
 
 
 def turn_of(turning: Turning, at_s: Floats) -> tuple[Floats, np.ndarray]:

@@ -86,6 +86,39 @@ def squares(slopes: Floats, away: Floats) -> tuple[Floats, Floats]:
     return flat.T @ flat, flat.T @ away.ravel()
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What one part of the recording says by itself about the offset, with all else as the whole has it."""
+
+    stamp_s: float
+    middle_s: float
+    sigma_s: float
+
+
+def by_part(places: Places, turning: Turning, assumed: Floats, found: Fit) -> list[Part]:
+    """Of BLOCKS; those in which the robot hardly turned say little."""
+    away, slopes = linear(places, turning, assumed, found.theta, np.array([MIDDLE]))
+    root = roots(places.information)
+    away, slopes = np.matmul(away[:, None], root)[:, 0], np.matmul(root.transpose(0, 2, 1), slopes)
+    pull = found.weight * (slopes[:, :, 0] * away).sum(axis=1)
+    power = found.weight * (slopes[:, :, 0] ** 2).sum(axis=1)
+    number = blocks(places.pair)
+    parts = []
+    for each in np.unique(number):
+        mine = number == each
+        strength = float(power[mine].sum())
+        if strength > 0:
+            at_s = float(places.stamps_s[mine].mean())
+            middle_s = float(found.theta[MIDDLE] + pull[mine].sum() / strength)
+            parts.append(Part(at_s, middle_s, found.scale / np.sqrt(strength)))
+    return parts
+
+
+def blocks(pair: NDArray[np.intp]) -> NDArray[np.intp]:
+    """BLOCKS parts in time."""
+    return np.asarray((pair - pair.min()) * BLOCKS // (np.ptp(pair) + 1))
+
+
 def model(places: Places, turning: Turning, assumed: Floats, theta: Floats) -> Floats:
     """Where the places are expected in the second frame, at the time of the row where they were found."""
     rows = np.stack([places.before[:, 1], places.after[:, 1]], axis=1)
@@ -121,7 +154,7 @@ def roots(information: Floats) -> Floats:
 
 def jackknife(pair: NDArray[np.intp], slopes: Floats, away: Floats, normal: Floats) -> Floats:
     """Sigmas from leaving out one of BLOCKS parts in time after the other, in the linear model."""
-    block = (pair - pair.min()) * BLOCKS // (np.ptp(pair) + 1)
+    block = blocks(pair)
     _, whole = squares(slopes, away)
     estimates = []
     for each in np.unique(block):

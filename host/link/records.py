@@ -214,6 +214,14 @@ class Frame:
             return self.native.frame_stm32_us
         return self.paper.frame_ms * 1000 if self.paper and self.paper.heard else None
 
+    def row_before_end_us(self, row: float) -> float | None:
+        """From the middle of a row's exposure to the end of frame, GAP8 time; row 0 is the top one, (height - 1) / 2
+        the middle. None of frames that do not say how they were taken: all but native."""
+        if not self.native:
+            return None
+        lines = self.height - 1 - row + self.native.exposure_lines / 2
+        return lines * self.native.line_time_ns / 1000
+
 
 def decode_jpeg(body: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
     """Shape (height, width). PeerError when the file is damaged or of another size than its header said."""

@@ -1,0 +1,194 @@
+"""`host sync camera`: what it takes out of a recording and a log, and what it says."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import ExitStack
+from typing import Any
+
+import numpy as np
+
+from ..clock.camera import Aligned, Refused, align
+from ..clock.camera_model import BEND, FOCAL, LINE, MIDDLE, MOUNT, SKEW, rotation
+from ..protocol.errors import LocalError, PeerError
+from ..usd.log import Log
+from . import sync_camera_film, sync_stamps
+from .as_json import line
+from .sync_camera_film import Recorded
+from .usd import load, warn
+
+GYRO = ("gyro.x", "gyro.y", "gyro.z")
+FILTERS_HZ = (116.0, 80.0)
+END, MIDDLE_ROW = "end of frame", "middle of exposure of the middle row"
+UNSEEN = "parallax of a robot that is carried about; how late rows of the log are stamped"
+UNSEEN_FILTERS = "the lag of the gyro's filters, if it has any"
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """4 if the offset is refused."""
+    from ..link.replay import Recording
+    from .sync_camera_plot import HEIGHT, WIDTH, picture
+    from .usd_plot import picture_writer
+    from .usd_tables import new_file
+
+    check(arguments)
+    with ExitStack() as outputs:
+        write_picture = picture_writer(arguments.plot) if arguments.plot else None
+        drawing = outputs.enter_context(new_file(arguments.plot, arguments.force)) if arguments.plot else None
+        recording = Recording(arguments.file)
+        robot = recording.source(arguments.robot).number
+        several = len(recording.sources) > 1 and arguments.robot is None
+        recording.close()
+        if several:
+            raise LocalError(f"{arguments.file}: of several robots: choose the log's with --robot")
+        log = load(arguments.log, examined=False)[0]
+        time_us, rate_rad_s, rows_left_out = gyro_of(arguments.log, log)
+        warn(arguments.log, log)
+        times = None if arguments.own_times else restamped(arguments.file, robot)
+        film = sync_camera_film.read(arguments.file, robot, times, arguments.line_time_us, arguments.exposure_us)
+        found = align(
+            film,
+            time_us,
+            rate_rad_s,
+            None if film.line_us is None else film.line_us * 1e-6,
+            () if arguments.raw_gyro else FILTERS_HZ,
+            arguments.within_ms * 1e-3,
+        )
+        record = {
+            "event": "camera",
+            "file": arguments.file,
+            "log": arguments.log,
+            "robot": robot,
+            "frames": len(film.index),
+            "frames_left_out": dict(film.left_out),
+            "rows_left_out": rows_left_out,
+            "times": "stamped" if times is None else "restamped",
+            "bound_us_median": None if film.bound_us is None else round(film.bound_us, 1),
+        }
+        if isinstance(found, Refused):
+            if arguments.json:
+                print(line({**record, "refused": found.reason, "detail": found.detail}))
+            raise PeerError(f"{arguments.file} and {arguments.log}: {found.reason}: {found.detail}")
+        record |= estimates(film, found)
+        print(line(record) if arguments.json else "\n".join(lines(record)))
+        if drawing and write_picture:
+            drawing.write(write_picture(WIDTH, HEIGHT, picture(found)))
+    return 0
+
+
+def check(arguments: argparse.Namespace) -> None:
+    for option, value in (("--line-time-us", arguments.line_time_us), ("--exposure-us", arguments.exposure_us)):
+        if value is not None and not 0 < value < 1e6:
+            raise LocalError(f"{option} {value:g}: microseconds, more than 0")
+    if not 1 <= arguments.within_ms <= 10_000:
+        raise LocalError(f"--within-ms {arguments.within_ms:g}: 1 to 10000")
+
+
+def gyro_of(name: str, log: Log) -> tuple[Any, Any, int]:
+    """Times in us, rates in rad/s, and how many rows were left out. PeerError without a gyro."""
+    having = [rows for rows in log.rows.values() if set(GYRO) <= set(rows.data.dtype.names or ()) and len(rows)]
+    if not having:
+        raise PeerError(f"{name}: no gyro in it: log gyro.x, gyro.y and gyro.z, at 500 Hz or more")
+    rows = max(having, key=len)
+    part = max(rows.epochs, key=len)
+    time_us = rows.stamp_us[part.start : part.stop].astype(np.float64)
+    rates = np.stack([rows.data[each][part.start : part.stop].astype(np.float64) for each in GYRO], axis=1)
+    later = np.concatenate([[True], time_us[1:] > np.maximum.accumulate(time_us)[:-1]])
+    good = later & np.isfinite(rates).all(axis=1)
+    if good.sum() < 2:
+        raise PeerError(f"{name}: no two rows with a gyro: see 'host usd check'")
+    return time_us[good], np.radians(rates[good]), len(rows) - int(good.sum())
+
+
+def restamped(file: str, robot: int) -> dict[int, tuple[float, float]] | None:
+    """Times and bounds by frame, from all messages; None when the frames' own times are all there is."""
+    source = sync_stamps.read(file, robot)
+    made = sync_stamps.work_out(source) if "native" in source.dialects or "nanocockpit" in source.dialects else None
+    if made is None or not len(made.frame):
+        return None
+    times = zip(made.frame.tolist(), made.stm32_us.tolist(), made.bound_us.tolist(), strict=True)
+    return {source.index[place]: (at_us, bound_us) for place, at_us, bound_us in times}
+
+
+def estimates(film: Recorded, found: Aligned) -> dict[str, Any]:
+    """The fit in the units of the clocks."""
+    theta, sigma = found.fitted.theta, found.fitted.sigma
+    ahead = (rotation(theta[MOUNT : MOUNT + 3]) @ found.assumed)[2]
+    known = film.before_end_us is not None
+    begun = found.onsets
+    return {
+        "of": END if known else MIDDLE_ROW,
+        "offset_us": round(float(theta[MIDDLE]) * 1e6, 1),
+        "offset_sigma_us": round(float(sigma[MIDDLE]) * 1e6, 1),
+        "skew_ppm": round(float(theta[SKEW]) * 1e6, 2),
+        "skew_sigma_ppm": round(float(sigma[SKEW]) * 1e6, 2),
+        "end_after_middle_us": film.before_end_us and round(film.before_end_us, 1),
+        "line_time_us": None if film.line_us is None else round(film.line_us, 3),
+        "line_time_seen_us": round(float(found.line.theta[LINE]) * 1e6, 3),
+        "line_time_seen_sigma_us": round(float(found.line.sigma[LINE]) * 1e6, 3),
+        "focal_px": round(float(theta[FOCAL]), 2),
+        "focal_sigma_px": round(float(sigma[FOCAL]), 2),
+        "lens_bend": round(float(theta[BEND]), 4),
+        "looks_up_deg": round(float(np.degrees(np.arcsin(np.clip(ahead[2], -1, 1)))), 1),
+        "picture_turned_deg": found.first.roll_deg,
+        "gyro_lag_us": round(found.lag_s * 1e6, 1),
+        "pairs": len(np.unique(found.places.pair)),
+        "patches": len(found.places.pair),
+        "residual_px": round(float(np.median(np.abs(found.fitted.residual_px))) * 1.4826, 4),
+        "explained": round(found.explained, 5),
+        "paper": None
+        if begun is None
+        else {
+            "events": len(begun.late_s),
+            "mean_us": round(begun.mean_s * 1e6 + (film.before_end_us or 0)),
+            "sd_us": round(begun.sd_s * 1e6),
+        },
+        "not_in_sigma": UNSEEN if found.lag_s else f"{UNSEEN}; {UNSEEN_FILTERS}",
+    }
+
+
+def lines(record: dict[str, Any]) -> Iterator[str]:
+    """For people."""
+    yield f"{record['file']}, robot {record['robot']}, against {record['log']}: {record['frames']} frames"
+    for why, count in record["frames_left_out"].items():
+        yield f"  left out  {count} frames {why}"
+    if record["rows_left_out"]:
+        yield f"  left out  {record['rows_left_out']} rows of the log: of another epoch, out of order, or no number"
+    bound = "" if record["bound_us_median"] is None else f", ± {record['bound_us_median']:.1f} us"
+    whose = "the robot's own" if record["times"] == "stamped" else "worked out from all messages"
+    yield f"  times     {whose}{bound}; taken for the {record['of']}"
+    later = "later" if record["offset_us"] >= 0 else "earlier"
+    yield (
+        f"  offset    frames were {abs(record['offset_us']):.1f} us {later} by the gyro's log, ±"
+        f" {record['offset_sigma_us']:.1f} us (one sigma)"
+    )
+    yield f"  skew      {record['skew_ppm']:+.1f} ± {record['skew_sigma_ppm']:.1f} ppm (the log against the frames)"
+    if record["gyro_lag_us"]:
+        yield f"  filters   {record['gyro_lag_us']:.0f} us taken off: the gyro's, of 116 Hz (two poles assumed) and 80"
+    said = "not known" if record["line_time_us"] is None else f"said to be {record['line_time_us']:.2f} us"
+    seen = f"{record['line_time_seen_us']:.2f} ± {record['line_time_seen_sigma_us']:.2f} us"
+    yield f"  rows      from row to row {said}; pictures say {seen}{doubt(record)}"
+    yield (
+        f"  camera    focal length {record['focal_px']:.1f} ± {record['focal_sigma_px']:.1f} px, looks up by"
+        f" {record['looks_up_deg']:.0f} degrees, picture turned by {record['picture_turned_deg']:.0f}"
+    )
+    yield (
+        f"  patches   {record['patches']} in {record['pairs']} pairs of frames, to {record['residual_px']:.3f} px;"
+        f" {record['explained']:.2%} of their motion goes with the gyro"
+    )
+    if record["paper"]:
+        paper = record["paper"]
+        yield (
+            f"  paper     first frame that has moved, less the gyro's onset: {paper['mean_us'] / 1000:+.1f} ±"
+            f" {paper['sd_us'] / 1000:.1f} ms in {paper['events']} events"
+        )
+    yield f"  unseen    {record['not_in_sigma']}"
+
+
+def doubt(record: dict[str, Any]) -> str:
+    """A line time that the pictures contradict puts the end of frame off, not the middle row."""
+    if record["line_time_us"] is None:
+        return ""
+    away = abs(record["line_time_us"] - record["line_time_seen_us"])
+    return ": they do not agree" if away > 5 * record["line_time_seen_sigma_us"] + 0.01 * record["line_time_us"] else ""

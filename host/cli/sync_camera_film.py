@@ -1,0 +1,133 @@
+"""The frames of a recording that have a picture and a time, for `host sync camera`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..clock.ticks import Floats
+from ..link.records import Frame
+from ..link.replay_url import to_url
+from ..link.stream import open_stream
+from ..protocol.errors import PeerError
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Read anew each time that it is gone through: a recording may be larger than the memory."""
+
+    file: str
+    robot: int
+    width: int
+    height: int
+    index: NDArray[np.int64]
+    """Of each frame, in the recording."""
+    stamp_us: Floats
+    """As stamped; of the middle of the middle row's exposure, if the frames tell how far that is before their end."""
+    before_end_us: float | None
+    """From that to the end of frame: the median."""
+    line_us: float | None
+    """From row to row, GAP8 time."""
+    bound_us: float | None
+    """Of the stamps: median."""
+    left_out: Counter[str] = field(default_factory=Counter)
+
+    def __iter__(self) -> Iterator[NDArray[np.uint8]]:
+        wanted = set(self.index.tolist())
+        for frame in frames(self.file, self.robot):
+            if frame.index in wanted:
+                yield grey(frame)
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What one frame says of itself."""
+
+    index: int
+    size: tuple[int, int]
+    stamp_us: float
+    bound_us: float | None
+    before_end_us: float | None
+    line_us: float | None
+
+
+def frames(file: str, robot: int) -> Iterator[Frame]:
+    with open_stream(to_url(file, pace="max", robot=robot), timeout=None) as stream:
+        yield from stream
+
+
+def grey(frame: Frame) -> NDArray[np.uint8]:
+    """PeerError when a JPEG is broken."""
+    pixels = frame.pixels
+    return pixels if pixels.ndim == 2 else pixels.mean(axis=2).astype(np.uint8)
+
+
+def read(file: str, robot: int, times_us: dict[int, tuple[float, float]] | None, line_us: float | None,
+         exposure_us: float | None) -> Recorded:  # fmt: skip
+    """`times_us`: times and bounds by the frames' index, instead of the robot's own. `line_us`, `exposure_us`: of
+    frames that do not say. PeerError when no frame has picture and time."""
+    left_out: Counter[str] = Counter()
+    told = []
+    for frame in frames(file, robot):
+        one = tell(frame, times_us, line_us, exposure_us)
+        if isinstance(one, str):
+            left_out[one] += 1
+        else:
+            told.append(one)
+    if not told:
+        why = ", ".join(f"{count} {each}" for each, count in left_out.items())
+        raise PeerError(f"{file}: robot {robot}: no frame with a picture and a time ({why or 'no frame came whole'})")
+    size = Counter(each.size for each in told).most_common(1)[0][0]
+    left_out["of another size"] += sum(each.size != size for each in told)
+    told = [each for each in told if each.size == size]
+    kept = longest_rise(told)
+    left_out["before or after a reset of the clock"] += len(told) - len(kept)
+    before, lines, bounds = (
+        [getattr(each, name) for each in kept] for name in ("before_end_us", "line_us", "bound_us")
+    )
+    known = [each for each in before if each is not None]
+    shift = np.array(before, np.float64) if len(known) == len(kept) else np.zeros(len(kept))
+    return Recorded(
+        file, robot, *size, np.array([each.index for each in kept]),
+        np.array([each.stamp_us for each in kept]) - shift,
+        float(np.median(known)) if len(known) == len(kept) else None,
+        None if None in lines else float(np.median(lines)),
+        None if None in bounds else float(np.median(bounds)), +left_out,
+    )  # fmt: skip
+
+
+def tell(
+    frame: Frame, times_us: dict[int, tuple[float, float]] | None, line_us: float | None, exposure_us: float | None
+) -> Told | str:
+    """Or why it is left out."""
+    if times_us is None:
+        stamp_us: float | None = frame.frame_stm32_us
+        bound_us: float | None = frame.native.bound_us if frame.native else None
+    else:
+        stamp_us, bound_us = times_us.get(frame.index, (None, None))
+    if stamp_us is None:
+        return "without a time"
+    if frame.encoding == "jpeg":
+        try:
+            grey(frame)
+        except PeerError:
+            return "with a broken JPEG"
+    before_end_us = frame.row_before_end_us((frame.height - 1) / 2)
+    if frame.native:
+        line_us = frame.native.line_time_ns / 1000
+    elif line_us is not None and exposure_us is not None:
+        before_end_us = (frame.height - 1) / 2 * line_us + exposure_us / 2
+    return Told(frame.index, (frame.width, frame.height), float(stamp_us), bound_us, before_end_us, line_us)
+
+
+def longest_rise(told: list[Told]) -> list[Told]:
+    """Where a stamp is not later than the one before, the clock has been reset, or a stamp is wrong."""
+    stamps = np.array([each.stamp_us for each in told])
+    ends = np.flatnonzero(np.diff(stamps) <= 0) + 1
+    parts = np.split(np.arange(len(told)), ends)
+    best = max(parts, key=len)
+    return told[best[0] : best[-1] + 1]
