@@ -34,13 +34,83 @@ static void check(bytes_t in, usd_walk_t *walk) {
     }
 }
 
+/// memcpy for some dozens of bytes, without a call.
+static inline void copy(uint8_t *restrict to, const uint8_t *restrict from, size_t size) {
+    enum { HALF = 16, BLOCK = 32 };
+    if (size < HALF) {
+        memcpy(to, from, size);
+    } else if (size < BLOCK) {
+        memcpy(to, from, HALF);
+        memcpy(to + size - HALF, from + size - HALF, HALF);
+    } else {
+        for (size_t at = 0; at + BLOCK < size; at += BLOCK) {
+            memcpy(to + at, from + at, BLOCK);
+        }
+        memcpy(to + size - BLOCK, from + size - BLOCK, BLOCK);
+    }
+}
+
+/// Rows of one type that follow each other. To compare with its id lets the processor go on without waiting
+/// for the table of types.
+typedef struct {
+    uint8_t type;
+    uint16_t id;
+    uint32_t size;
+    uint64_t rows;
+    uint64_t room;
+    uint8_t *to;
+} series_t;
+
+static void end_series(usd_walk_t *walk, const series_t *series) {
+    if (series->type != NO_TYPE) {
+        walk->rows[series->type] = series->rows;
+    }
+}
+
+static series_t begin_series(const usd_layout_t *layout, const usd_walk_t *walk, const uint8_t *row) {
+    series_t series = {.type = type_at(layout, row), .id = load16_le(row)};
+    if (series.type == NO_TYPE) {
+        return series;
+    }
+    series.size = layout->row_bytes[series.type];
+    series.rows = walk->rows[series.type];
+    series.room = UINT64_MAX;
+    if (walk->out != NULL) {
+        series.room = walk->room[series.type];
+        if (series.rows < series.room) {
+            series.to = walk->out[series.type] + series.rows * (series.size - USD_ID_BYTES);
+        }
+    }
+    return series;
+}
+
+/// Rows like the one before: of its series, later, and not to be marked. Most of a log is that, so this is
+/// the least that can be done for one. Returns where it ends; the caller looks closer at what follows.
+static inline uint64_t repeat(bytes_t in, uint64_t at, bool long_stamps, series_t *series, uint64_t *last) {
+    series_t now = *series; // not in memory that `copy` might write to
+    uint64_t before = *last;
+    while (now.rows < now.room && at < in.size && in.size - at >= now.size) {
+        const uint8_t *row = in.data + at;
+        const uint64_t stamp = long_stamps ? load64_le(row + USD_ID_BYTES) : load32_le(row + USD_ID_BYTES);
+        if (load16_le(row) != now.id || stamp < before) {
+            break;
+        }
+        before = stamp;
+        if (now.to != NULL) {
+            copy(now.to, row + USD_ID_BYTES, now.size - USD_ID_BYTES);
+            now.to += now.size - USD_ID_BYTES;
+        }
+        now.rows++;
+        at += now.size;
+    }
+    *series = now;
+    *last = before;
+    return at;
+}
+
 static uint8_t pass(const usd_layout_t *layout, bytes_t in, bool strict, usd_walk_t *walk) {
     const size_t head = USD_ID_BYTES + layout->stamp_bytes;
-    // Most rows are of the type of the row before. To compare with that one lets the processor go on without
-    // waiting for the table; so does keeping `at` and `last` out of memory.
-    uint16_t id = 0;
-    uint8_t type = NO_TYPE;
-    uint32_t size = 0;
+    series_t series = {.type = NO_TYPE};
     uint64_t at = walk->at;
     uint64_t last = walk->last;
     uint8_t why = USD_END;
@@ -51,14 +121,13 @@ static uint8_t pass(const usd_layout_t *layout, bytes_t in, bool strict, usd_wal
             why = USD_CUT;
             break;
         }
-        if (type == NO_TYPE || load16_le(row) != id) {
-            id = load16_le(row);
-            type = type_at(layout, row);
-            if (type == NO_TYPE) {
+        if (series.type == NO_TYPE || load16_le(row) != series.id) {
+            end_series(walk, &series);
+            series = begin_series(layout, walk, row);
+            if (series.type == NO_TYPE) {
                 why = USD_UNKNOWN;
                 break;
             }
-            size = layout->row_bytes[type];
         }
         const uint64_t stamp = stamp_at(layout, row);
         if (strict && (!believable(layout, row, stamp) ||
@@ -66,13 +135,17 @@ static uint8_t pass(const usd_layout_t *layout, bytes_t in, bool strict, usd_wal
             why = USD_TIME;
             break;
         }
-        if (left < size) {
+        if (left < series.size) {
             why = USD_CUT;
+            break;
+        }
+        if (series.rows == series.room) {
+            why = USD_ROOM;
             break;
         }
         const bool back = walk->has_last && stamp < last;
         const bool far_back = back && last - stamp > layout->back;
-        const bool status = type == layout->status;
+        const bool status = series.type == layout->status;
         if (far_back || status) {
             if (walk->marks_max - walk->marks_count < (uint32_t)far_back + status) {
                 why = USD_MARKS;
@@ -88,15 +161,25 @@ static uint8_t pass(const usd_layout_t *layout, bytes_t in, bool strict, usd_wal
         if (!back || far_back) {
             last = stamp;
         }
+        if (walk->out != NULL) {
+            copy(series.to, row + USD_ID_BYTES, series.size - USD_ID_BYTES);
+            series.to += series.size - USD_ID_BYTES;
+        }
         walk->has_last = true;
-        walk->rows[type]++;
-        walk->row = at;
-        at += size;
+        series.rows++;
+        at += series.size;
+        if (!strict && !status) {
+            const uint64_t block = walk->checked + USD_CHECK_BYTES;
+            const size_t stop = walk->check && block < in.size ? (size_t)block : in.size;
+            at = repeat((bytes_t){in.data, stop}, at, layout->stamp_bytes == 8, &series, &last);
+        }
+        walk->row = at - series.size;
         if (walk->check && at - walk->checked >= USD_CHECK_BYTES) {
             walk->at = at;
             check(in, walk);
         }
     }
+    end_series(walk, &series);
     walk->at = at;
     walk->last = last;
     return why;
@@ -155,50 +238,4 @@ uint64_t usd_find(const usd_layout_t *layout, bytes_t in, uint64_t at, const uin
         }
     }
     return in.size;
-}
-
-/// memcpy for some dozens of bytes, without a call.
-static inline void copy(uint8_t *restrict to, const uint8_t *restrict from, size_t size) {
-    enum { BLOCK = 16 };
-    if (size < BLOCK) {
-        memcpy(to, from, size);
-        return;
-    }
-    for (size_t at = 0; at + BLOCK < size; at += BLOCK) {
-        memcpy(to + at, from + at, BLOCK);
-    }
-    memcpy(to + size - BLOCK, from + size - BLOCK, BLOCK);
-}
-
-bool usd_copy(const usd_layout_t *layout, bytes_t in, uint64_t at, uint64_t end, uint8_t *const *out,
-              const uint64_t *room, uint64_t *filled) {
-    if (end > in.size) {
-        return false;
-    }
-    while (at < end) {
-        if (end - at < USD_ID_BYTES) {
-            return false;
-        }
-        const uint16_t id = load16_le(in.data + at);
-        const uint8_t type = type_at(layout, in.data + at);
-        if (type == NO_TYPE) {
-            return false;
-        }
-        const uint32_t size = layout->row_bytes[type];
-        const size_t kept = size - USD_ID_BYTES;
-        uint8_t *to = out[type] + filled[type] * kept;
-        uint64_t left = room[type] - filled[type];
-        // As long as rows are of this type.
-        do {
-            if (size > end - at || left == 0) {
-                return false;
-            }
-            copy(to, in.data + at + USD_ID_BYTES, kept);
-            to += kept;
-            left--;
-            filled[type]++;
-            at += size;
-        } while (end - at >= USD_ID_BYTES && load16_le(in.data + at) == id);
-    }
-    return true;
 }

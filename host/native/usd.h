@@ -1,4 +1,4 @@
-/// Rows of a uSD log: walked, found again behind damage, copied into packed arrays.
+/// Rows of a uSD log: walked and copied into packed arrays, found again behind damage.
 ///
 /// A row is a u16 id, a stamp (u64 us in version 2, u32 ms in version 1) and its values, packed,
 /// little-endian. All memory is the caller's. Every function is bounded by the bytes it is given, whatever
@@ -26,6 +26,7 @@ enum {
     USD_CUT = 2,     ///< the row here is longer than what is left
     USD_TIME = 3,    ///< strict only: the time of the row here does not follow from the row before
     USD_MARKS = 4,   ///< no room for another mark: empty them and go on
+    USD_ROOM = 5,    ///< no room in `out` for the row here: make some and go on
 };
 
 /// usd_mark_t.kind
@@ -51,7 +52,7 @@ typedef struct {
 } usd_mark_t;
 
 /// A walk under way, with room for two marks at least. The caller sets `at`, `marks`, `marks_max`,
-/// `has_last`, `last` and `check`; the rest is 0.
+/// `has_last`, `last`, `check`, `out` and `room`; the rest is 0.
 typedef struct {
     uint64_t at;   ///< the next row
     uint64_t row;  ///< the one before it, if any was passed
@@ -64,6 +65,8 @@ typedef struct {
     bool check;                   ///< compute `crc`, which costs less here than later: the bytes are at hand
     uint32_t crc;                 ///< of the bytes from the first to `at`
     uint64_t checked;             ///< how far it goes while the walk is under way
+    uint8_t *const *out; ///< NULL, or by type where the stamps and values of its rows go, one after the other
+    const uint64_t *room; ///< rows that fit there, those of `rows` included
 } usd_walk_t;
 
 /// Passes rows from `walk->at` on, until something stops it. Strict: also a time that is out of bounds, or
@@ -79,11 +82,5 @@ uint32_t usd_chain(const usd_layout_t *layout, bytes_t in, uint64_t at, const ui
 /// The first place from `at` on where USD_CHAIN rows follow `last` (if it is given), or USD_CHAIN_LONG rows
 /// each other. `in.size`: none.
 uint64_t usd_find(const usd_layout_t *layout, bytes_t in, uint64_t at, const uint64_t *last);
-
-/// Stamp and values of each row from `at` to `end` (whole rows, as a walk has found them) to the end of its
-/// type's array: out[type], which holds `filled[type]` rows and has room for `room[type]`. False: it is too
-/// small, or these are no rows; what has been copied stays.
-bool usd_copy(const usd_layout_t *layout, bytes_t in, uint64_t at, uint64_t end, uint8_t *const *out,
-              const uint64_t *room, uint64_t *filled);
 
 #endif

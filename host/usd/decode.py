@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from mmap import mmap
 
-from ..native import lib
 from .blocks import decode_blocks
 from .header import HeaderError, read_header
 from .log import ByteRange, Damage, Log
+from .pieces import Piece, epochs_of, rows_of, take
 from .recover import Recovered, merged, recover
-from .rows import CRC_BYTES, Piece, RowReader, epochs_of, filling
+from .rows import CRC_BYTES, RowReader, Walk, filling
 
 Buffer = bytes | bytearray | memoryview | mmap
 
@@ -27,7 +27,8 @@ def decode(source: Buffer) -> Log:
     except HeaderError as error:
         return nothing(data, error.at, error.why)
     reader = RowReader(data, header)
-    found = whole(reader) or recover(reader)
+    taken = take(reader)
+    found = whole(reader, taken.walk) or recover(reader)
     if header.repaired is not None:
         found = doubted(reader, found, header.repaired)
     return Log(
@@ -35,7 +36,7 @@ def decode(source: Buffer) -> Log:
         version=2 if header.version == 2 else 1,
         header_bytes=header.size,
         types=header.types,
-        rows=reader.copy(found.pieces),
+        rows=rows_of(reader, found.pieces, taken),
         parts=tuple(ByteRange(piece.walk.begin, piece.walk.end) for piece in found.pieces),
         verified=tuple(found.verified),
         damages=tuple(found.damages),
@@ -45,19 +46,15 @@ def decode(source: Buffer) -> Log:
     )
 
 
-def whole(reader: RowReader) -> Recovered | None:
+def whole(reader: RowReader, walk: Walk) -> Recovered | None:
     """A log that its logger has closed, and that is as it was written: its rows are taken as they are."""
-    data, begin = reader.data, reader.header.size
-    end = len(data) - CRC_BYTES
-    if end < begin:
-        return None
-    walk = reader.walk(begin, end, None, strict=False, check=True)
-    if walk.why != lib.USD_END or walk.crc != int.from_bytes(data[end:], "little"):
+    end = len(reader.data) - CRC_BYTES
+    if walk.end != end or walk.crc != int.from_bytes(reader.data[end:], "little"):
         return None
     sessions = set(reader.status_fields(walk.statuses, ("session",))[0])
     if len(sessions) > 1:
         return None  # A CRC over parts that end with their own does not depend on what is in them.
-    pieces = [Piece(part, True, epoch) for epoch, part in enumerate(reader.parts(walk))] if end > begin else []
+    pieces = [Piece(part, True, epoch) for epoch, part in enumerate(reader.parts(walk))] if end > walk.begin else []
     return Recovered(pieces, [], [ByteRange(0, end)], next(iter(sessions), None), "good")
 
 

@@ -15,7 +15,8 @@ from typing import Literal
 from ..native import lib
 from .header import BACK_US
 from .log import ByteRange, Damage
-from .rows import CRC_BYTES, Piece, RowReader, Walk, filling
+from .pieces import Piece
+from .rows import CRC_BYTES, RowReader, Walk, filling
 from .statuses import Run, find_stale, header_doubt, own_session, read_statuses, sessions
 
 LONG_HOLE_US = 3_600_000_000

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from ..native import ffi, lib
+from .arrays import Arrays
 from .header import Header
-from .log import STATUS_VARIABLES, Epoch, EventType, Rows
+from .log import STATUS_VARIABLES, EventType
 
 MARKS_MAX = 4096
 CRC_BYTES = 4
@@ -47,15 +47,6 @@ class Walk:
     """Of all bytes from the file's first to `end`, if it was asked for."""
 
 
-@dataclass(frozen=True, slots=True)
-class Piece:
-    """Rows to be returned."""
-
-    walk: Walk
-    verified: bool
-    epoch: int
-
-
 def crc32(data: memoryview, begin: int = 0, end: int | None = None) -> int:
     view = data[begin:end]
     return int(lib.crc32_host(0, (ffi.from_buffer("uint8_t[]", view), len(view))))
@@ -81,15 +72,22 @@ class RowReader:
         self._bytes = ffi.from_buffer("uint8_t[]", data)
         self._marks = ffi.new("usd_mark_t[]", MARKS_MAX)
 
-    def walk(self, begin: int, end: int, last: int | None, strict: bool, check: bool = False) -> Walk:
+    def walk(
+        self, begin: int, end: int, last: int | None, strict: bool, check: bool = False, into: Arrays | None = None
+    ) -> Walk:
+        """`into`: the rows are copied there, behind those that it has."""
         state = ffi.new("usd_walk_t *")
         state.at, state.marks, state.marks_max = begin, self._marks, MARKS_MAX
         state.has_last, state.last = last is not None, last or 0
         state.check = check
+        if into is not None:
+            state.out, state.room = into.out, into.room
         statuses: list[int] = []
         backs: list[Mark] = []
         why = lib.USD_MARKS
-        while why == lib.USD_MARKS:
+        while why in (lib.USD_MARKS, lib.USD_ROOM):
+            if why == lib.USD_ROOM and into is not None:
+                into.enlarge(self.number_at(state.at) or 0, (end - state.at) // self.row_bytes_at(state.at))
             state.marks_count = 0
             why = lib.usd_walk(self._layout, (self._bytes, end), strict, state)
             for mark in self._marks[0 : state.marks_count]:
@@ -100,6 +98,8 @@ class RowReader:
         latest = state.last if state.has_last else None
         rows = tuple(state.rows[0 : len(self.header.types)])
         crc = int(state.crc) if check else None
+        if into is not None:
+            into.add(rows)
         return Walk(begin, state.at, why, state.row, latest, tuple(statuses), tuple(backs), rows, crc)
 
     def chain(self, at: int, last: int | None, most: int) -> tuple[int, bool]:
@@ -121,9 +121,14 @@ class RowReader:
         before = ffi.NULL if last is None else ffi.new("uint64_t *", last)
         return int(lib.usd_find(self._layout, (self._bytes, len(self.data)), at, before))
 
-    def type_at(self, at: int) -> EventType | None:
+    def number_at(self, at: int) -> int | None:
+        """Which type the row is of."""
         number = self._layout.type_of_id[int.from_bytes(self.data[at : at + lib.USD_ID_BYTES], "little")]
-        return self.header.types[number - 1] if number else None
+        return number - 1 if number else None
+
+    def type_at(self, at: int) -> EventType | None:
+        number = self.number_at(at)
+        return None if number is None else self.header.types[number]
 
     def row_bytes_at(self, at: int) -> int:
         """Of a row with a known id."""
@@ -171,61 +176,3 @@ class RowReader:
             return self.walk(walk.begin, walk.end, None, strict=False).statuses
         finally:
             self._layout.status = status
-
-    def copy(self, pieces: list[Piece]) -> dict[str, Rows]:
-        """The rows of all pieces, by type."""
-        types = self.header.types
-        counts = [sum(piece.walk.rows[number] for piece in pieces) for number in range(len(types))]
-        arrays = [np.empty(count, each.dtype) for each, count in zip(types, counts, strict=True)]
-        out = ffi.new("uint8_t *[]", [ffi.from_buffer("uint8_t[]", array) for array in arrays])
-        room = ffi.new("uint64_t[]", counts)
-        filled = ffi.new("uint64_t[]", len(types))
-        index = Index(len(types))
-        for piece in pieces:
-            before = list(filled)
-            begin, end = piece.walk.begin, piece.walk.end
-            if not lib.usd_copy(self._layout, (self._bytes, len(self.data)), begin, end, out, room, filled):
-                raise AssertionError(f"bytes {begin} to {end} were rows, and are none")
-            index.add(piece, before, list(filled))
-        return index.rows(types, arrays)
-
-
-class Index:
-    """Row numbers that are verified, and those of each epoch."""
-
-    def __init__(self, types: int) -> None:
-        self._verified: list[list[range]] = [[] for _ in range(types)]
-        self._epochs: list[list[range]] = [[] for _ in range(types)]
-
-    def add(self, piece: Piece, before: list[int], after: list[int]) -> None:
-        for number, (first, behind) in enumerate(zip(before, after, strict=True)):
-            epochs = self._epochs[number]
-            while len(epochs) <= piece.epoch:
-                epochs.append(range(first, first))
-            epochs[-1] = range(epochs[-1].start, behind)
-            verified = self._verified[number]
-            if piece.verified and first < behind:
-                if verified and verified[-1].stop == first:
-                    first = verified.pop().start
-                verified.append(range(first, behind))
-
-    def rows(self, types: tuple[EventType, ...], arrays: list[np.ndarray[Any, np.dtype[Any]]]) -> dict[str, Rows]:
-        return {
-            each.name: Rows(each, arrays[number], tuple(self._verified[number]), tuple(self._epochs[number]))
-            for number, each in enumerate(types)
-        }
-
-
-def epochs_of(reader: RowReader, pieces: list[Piece]) -> tuple[Epoch, ...]:
-    """One for each number that the pieces bear."""
-    found: list[Epoch] = []
-    unit_us = reader.header.unit_us
-    for piece in pieces:
-        first, last = reader.stamp_at(piece.walk.begin) * unit_us, (piece.walk.last or 0) * unit_us
-        if piece.epoch < len(found):
-            old = found[-1]
-            found[-1] = replace(old, last_us=max(old.last_us, last))
-        else:
-            why = f"the clock was reset: it had counted to {found[-1].last_us} us" if found else "the log begins"
-            found.append(Epoch(piece.walk.begin, first, last, why))
-    return tuple(found)

@@ -1,5 +1,5 @@
 // Rows of a uSD log: whatever the bytes, a walk ends inside them and accounts for every one it has passed,
-// what it has passed can be copied into arrays of just that size, and a place that is found is one.
+// what it copies are the rows it has passed, and a place that is found is one.
 #include "claim.h"
 #include "firmware/core/checks.h"
 #include "host/native/crc32.h"
@@ -49,23 +49,34 @@ static uint8_t walk_all(const usd_layout_t *layout, bytes_t in, bool strict, usd
     return why;
 }
 
-static void copy_all(const usd_layout_t *layout, bytes_t in, const usd_walk_t *walk) {
-    uint8_t *out[TYPES];
-    uint64_t filled[TYPES] = {0};
-    for (uint8_t type = 0; type < TYPES; type++) {
-        // Of exactly the size: the sanitizer sees a byte too many.
-        out[type] = malloc(walk->rows[type] * (layout->row_bytes[type] - USD_ID_BYTES) + 1);
+/// The same walk again, with room for a row more of one type each time that there is no room.
+static void copy_all(const usd_layout_t *layout, bytes_t in, const usd_walk_t *before) {
+    static usd_mark_t marks[MARKS];
+    uint8_t *out[TYPES] = {NULL};
+    uint64_t room[TYPES] = {0};
+    usd_walk_t walk = {.marks = marks, .marks_max = MARKS, .out = out, .room = room};
+    uint8_t why = USD_ROOM;
+    while (why == USD_ROOM || why == USD_MARKS) {
+        walk.marks_count = 0;
+        why = usd_walk(layout, in, false, &walk);
+        if (why == USD_ROOM) {
+            const uint8_t type = (uint8_t)(layout->type_of_id[load16_le(in.data + walk.at)] - 1U);
+            CLAIM(type < TYPES && walk.rows[type] == room[type]);
+            room[type]++;
+            // Of exactly the size: the sanitizer sees a byte too many.
+            out[type] = realloc(out[type], room[type] * (layout->row_bytes[type] - USD_ID_BYTES));
+            CLAIM(out[type] != NULL);
+        }
     }
-    CLAIM(usd_copy(layout, in, 0, walk->at, out, walk->rows, filled));
-    CLAIM(memcmp(filled, walk->rows, sizeof filled) == 0);
-    if (walk->at > 0) {
-        // One row's room less.
-        const uint8_t last = (uint8_t)(layout->type_of_id[load16_le(in.data + walk->row)] - 1U);
-        uint64_t room[TYPES];
-        memcpy(room, walk->rows, sizeof room);
-        room[last]--;
-        memset(filled, 0, sizeof filled);
-        CLAIM(!usd_copy(layout, in, 0, walk->at, out, room, filled));
+    CLAIM(walk.at == before->at && walk.row == before->row && walk.last == before->last);
+    CLAIM(memcmp(walk.rows, before->rows, sizeof walk.rows) == 0);
+    uint64_t copied[TYPES] = {0};
+    for (uint64_t at = 0; at < walk.at;) {
+        const uint8_t type = (uint8_t)(layout->type_of_id[load16_le(in.data + at)] - 1U);
+        const size_t size = layout->row_bytes[type] - USD_ID_BYTES;
+        CLAIM(memcmp(out[type] + copied[type] * size, in.data + at + USD_ID_BYTES, size) == 0);
+        copied[type]++;
+        at += layout->row_bytes[type];
     }
     for (uint8_t type = 0; type < TYPES; type++) {
         free(out[type]);

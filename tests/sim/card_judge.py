@@ -41,6 +41,7 @@ HARMLESS = [
     r"  Contains a free cluster \(\d+\)\. Assuming EOF\.",
     # The first FAT is torn in the middle of an entry.
     r"Cluster \d+ out of range \(\d+ > \d+\)\. Setting to EOF\.",
+    r"  Circular cluster chain\. Truncating to \d+ clusters\.",
     # Counted after they were taken.
     r"Free cluster summary wrong \(\d+ vs\. really \d+\)",
     r"  Auto-correcting\.",

@@ -123,3 +123,25 @@ def test_one_time_that_goes_back_is_no_reset() -> None:
     fill(log, seed=2, rows=300, start_us=5_300_000)
     decoded = decode(log.close())
     assert (len(decoded.epochs), len(decoded.rows["fixedFrequency"])) == (1, 601)
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_rows_that_come_only_late(damaged: bool) -> None:
+    """Of these nothing is known when memory is asked for."""
+    log = Writer()
+    for number in range(60_000):
+        log.row(FIXED, 1000 * number, number, -number, number % 65536)
+    for number in range(60_000):
+        log.row(0, 60_000_000 + 100 * number, number % 256, 1, number)
+    data = bytearray(log.close())
+    if damaged:
+        data[900_000:900_100] = bytes(100)
+    found = decode(data)
+    assert found.is_whole != damaged
+    if not damaged:
+        same_as_existing(found, bytes(data))
+    assert found.rows["estTDOA"].data["distanceDiff"].tolist() == list(range(60_000))
+    assert found.rows["estTDOA"].stamp_us.tolist() == list(range(60_000_000, 66_000_000, 100))
+    fixed = found.rows["fixedFrequency"]
+    assert fixed.data["acc.x"].tolist() == [stamp // 1000 for stamp in fixed.stamp_us.tolist()]
+    assert len(fixed) > 59_990 - 10 * damaged
