@@ -91,6 +91,7 @@ def taken(zero_us: Sequence[float], bounds_us: Sequence[float], every_us: float 
         after = zero - zero_us[first]
         both = 0.0 if number == first else (bound**2 + bounds_us[first] ** 2) ** 0.5
         nearest = round(after / every_us) if every_us else 0
-        is_near = every_us and abs(after - nearest * every_us) + both < every_us / 2
-        made.append(Taken(after, both, nearest if is_near else None))
+        away = abs(after - nearest * every_us) if every_us else 0.0
+        is_told = every_us and away + both < every_us / 2 and away <= SPREAD_US + both
+        made.append(Taken(after, both, nearest if is_told else None))
     return made

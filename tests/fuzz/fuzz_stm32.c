@@ -1,6 +1,6 @@
-/// The STM32's app, whatever comes over UART2, whatever the card answers and whenever it is called: what it
-/// sends is good stamps without a gap, good CPX frames and good requests, every row of its log is counted,
-/// and once it has sent all it has, its deadline lies ahead.
+/// The STM32's app, whatever comes over UART2 and by radio, whatever the card answers and whenever it is
+/// called: what it sends is good stamps without a gap, good CPX frames and good requests, every row of its
+/// log is counted, and once it has sent all it has, its deadline lies ahead.
 #include "claim.h"
 #include "input.h"
 
@@ -11,7 +11,7 @@ enum { SENT_AT_ONCE_MAX = 1000 };
 
 static const char CONFIG[] =
     "1\n512\nlog\n1\non:fixedFrequency\n500\n1\nstateEstimate.x\npm.vbatMV\non:estPose\n"
-    "locSrv.x\non:estPosition\non:estGyroscope\ngyro.x\n";
+    "locSrv.x\non:estPosition\non:estGyroscope\ngyro.x\non:beacon\n";
 
 typedef struct {
     stm32_t app;
@@ -165,8 +165,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         case 2:
             if (bench.request_size > 0) {
                 answer(&bench, take_byte(&input));
+            } else if (in.size > 0) {
+                CLAIM(stm32_receive(&bench.app, STM32_PORT_RADIO, in, bench.now) == (int)in.size);
             } else {
-                bench.now.stamp_us = choice; // the stamp clock is reset
+                bench.now.stamp_us = 0; // the stamp clock is reset
             }
             break;
         default:
