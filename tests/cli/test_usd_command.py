@@ -18,7 +18,7 @@ from host.usd.decode import decode
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "usd"))
 
 from existing_reader import decode as existing
-from logs import Writer, fill
+from logs import TYPES, Writer, fill
 
 
 @pytest.fixture
@@ -105,18 +105,42 @@ def test_mcap_is_read_by_its_own_package(logs: dict[str, Path], tmp_path: Path) 
     assert [each["stamp_stm32_us"] for each in read] == rows.stamp_us.tolist()
 
 
-def test_parquet(logs: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["usd", "decode", str(logs["whole"]), "-o", str(tmp_path / "out.parquet")]
-    try:
-        from pyarrow import parquet
-    except ImportError:
-        assert main(command) == 2
-        assert "spindeck[parquet]" in capsys.readouterr().err
-        return
-    assert main(command) == 0
+def test_parquet_is_read_by_its_own_package(tmp_path: Path) -> None:
+    """Every column of every type, value by value and in its own type."""
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed: pip install 'spindeck[parquet]'")
+    log = Writer(session=0xABCD1234, types={**TYPES, 9: ("odd", [f"{letter}({letter})" for letter in "BbHhIife"])})
+    fill(log, seed=3, rows=300)
+    for number in range(50):
+        numbers = [number % 7, -number, number, -number, number * 80_000_000, -number, number / 3, number / 4]
+        log.row(9, log.last + 1 + number, *numbers)
+    source, out = tmp_path / "log00", tmp_path / "out.parquet"
+    source.write_bytes(bytes(log.data))
+    assert main(["usd", "decode", str(source), "-o", str(out)]) == 0
+    found = decode(bytes(log.data))
+    assert 0 < found.verified_count < found.row_count
+    for name, rows in found.rows.items():
+        read = parquet.read_table(tmp_path / f"out.{name}.parquet")
+        expected = {each: rows.data[each] for each in rows.data.dtype.names or ()}
+        expected |= {"epoch": rows.epoch, "verified": rows.is_verified}
+        assert set(read.column_names) == set(expected)
+        for column, values in expected.items():
+            made = read[column].to_numpy()
+            assert (made == values).all()
+            assert made.dtype == values.dtype, (name, column)
+    assert main(["usd", "decode", str(source), "-o", str(out)]) == 2, "what is there is not overwritten"
+    assert main(["usd", "decode", str(source), "-o", str(out), "--verified-only", "--force"]) == 0
+    rows = found.rows["fixedFrequency"]
     read = parquet.read_table(tmp_path / "out.fixedFrequency.parquet")
-    rows = decode(logs["whole"].read_bytes()).rows["fixedFrequency"]
-    assert read["acc.x"].to_pylist() == rows.data["acc.x"].tolist()
+    assert read["acc.x"].to_pylist() == rows.data["acc.x"][rows.is_verified].tolist()
+
+
+def test_without_pyarrow_parquet_is_refused(
+    logs: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert main(["usd", "decode", str(logs["whole"]), "-o", str(tmp_path / "out.parquet")]) == 2
+    assert "spindeck[parquet]" in capsys.readouterr().err
+    assert list(tmp_path.glob("out*")) == []
 
 
 def test_repair_is_what_the_existing_reader_takes(logs: dict[str, Path], tmp_path: Path) -> None:

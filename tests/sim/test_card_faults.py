@@ -1,4 +1,4 @@
-"""The STM32's logger on cards that are full, broken, slow or gone: logs say what they lack, and what they have is right."""
+"""The STM32's logger on cards that are full, broken, slow or gone: a log says what it lacks, and the rest is right."""
 
 import sys
 from pathlib import Path
