@@ -38,7 +38,7 @@ logs and more the closure says whether the slopes agree.
 
 examples:
   host sync robots cf231_00 cf5_00 cf6_00
-  host sync robots cf231_00 cf5_00 --reset
+  host sync robots cf231_00 cf5_00 --reset --plot clocks.svg
   host sync robots cf231_00 cf5_00 --variable stateEstimate.px,stateEstimate.py,stateEstimate.pz --json
 """
 CAMERA_EXAMPLES = """\
@@ -82,6 +82,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         type=float,
         help="so long from repeat to repeat of that broadcast",
     )
+    robots.add_argument("--plot", metavar="FILE", help="draw what is left of each, and the bounds: .svg or .png")
+    robots.add_argument("--force", action="store_true", help="overwrite FILE")
     robots.add_argument("--variable", metavar="NAMES", help="what was broadcast: variables, joined by commas")
     camera = add_verb(verbs, "camera", run_camera, "compare frames with the gyro's log of their robot", CAMERA_EXAMPLES)
     camera.add_argument("file", metavar="REC", help="a recording (host stream --record)")

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from itertools import combinations
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,10 @@ from ..protocol.errors import PeerError
 from ..usd.log import Log
 from . import sync_resets
 from .as_json import line
+from .sync_robots_plot import by_beacons
+
+if TYPE_CHECKING:
+    from .sync_robots import Draw
 
 EVENT = "beacon"
 VALUES = ("sequence", "hostUs", "hostUsHigh")
@@ -25,7 +29,7 @@ def has_beacons(log: Log) -> bool:
     return rows is not None and len(rows) > 0 and set(VALUES) <= set(rows.data.dtype.names or ())
 
 
-def compare(labels: Sequence[str], logs: Sequence[Log], arguments: argparse.Namespace) -> int:
+def compare(labels: Sequence[str], logs: Sequence[Log], arguments: argparse.Namespace, draw: Draw | None) -> int:
     """Prints what beacons tell of these robots."""
     fits = [against(label, log) for label, log in zip(labels, logs, strict=True)]
     pairs = []
@@ -39,6 +43,8 @@ def compare(labels: Sequence[str], logs: Sequence[Log], arguments: argparse.Name
             print(line(record))
     else:
         print("\n".join(lines(labels, fits, pairs)))
+    if draw:
+        draw(by_beacons(labels, fits), 3)
     if arguments.reset or sync_resets.were_reset(logs):
         sync_resets.tell(labels, logs, [zero(*each) for each in zip(fits, logs, strict=True)], arguments)
     return 0

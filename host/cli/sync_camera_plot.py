@@ -10,8 +10,7 @@ from ..clock.camera import Aligned
 from ..clock.camera_model import MIDDLE
 from ..clock.ticks import Floats
 from ..usd.drawing import Line, Shape, Words
-from ..usd.plot import decimal, nice_step
-from .sync_plot import BLUE, GREEN, GREY, LEFT, PANEL, RED, RIGHT, SPACE, TOP, panel
+from .sync_plot import BLUE, GREEN, LEFT, PANEL, RED, RIGHT, SPACE, TOP, across, panel, scale
 
 WIDTH, HEIGHT = 1200, 770
 OUTLIER_PX = 5.0
@@ -63,18 +62,3 @@ def parts(found: Aligned, span: Floats) -> Iterator[Shape]:
         yield Line([(at, y(middle - half)), (at, y(middle + half))], BLUE)
     yield Line([(LEFT, y(0.0)), (WIDTH - RIGHT, y(0.0))], RED, dashed=True)
     yield from scale(2, span, "s of the recording, from its middle on")
-
-
-def across(values: Floats, span: Floats) -> Floats:
-    low, high = float(span.min()), float(span.max())
-    return np.asarray(LEFT + (values - low) * ((WIDTH - LEFT - RIGHT) / max(high - low, 1e-9)))
-
-
-def scale(place: int, span: Floats, unit: str) -> Iterator[Shape]:
-    """Below a panel."""
-    low, high = float(span.min()), float(span.max())
-    bottom = TOP + place * (PANEL + SPACE) + PANEL + 16
-    step = nice_step((high - low) / 10)
-    for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1):
-        yield Words(float(across(np.array([k * step]), span)[0]), bottom, decimal(k * step, step), 11, "middle", GREY)
-    yield Words(WIDTH - RIGHT, bottom + 15, unit, 12, "end", GREY)

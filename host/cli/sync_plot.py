@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -64,8 +64,15 @@ def delay_of(result: Stamped, each: Fitted) -> tuple[Any, Any]:
 def panel(
     place: int, title: str, x: Any, y: Any, color: str, limits: tuple[float, float] | None = None
 ) -> Iterator[Shape]:
+    yield from panels(place, title, [(x, y, color)], limits)
+
+
+def panels(
+    place: int, title: str, series: Sequence[tuple[Any, Any, str]], limits: tuple[float, float] | None = None
+) -> Iterator[Shape]:
+    """Several series, (x, y, color) each, in one panel."""
     top = TOP + place * (PANEL + SPACE)
-    low, high = limits or (float(y.min()), float(y.max()))
+    low, high = limits or (min(float(y.min()) for _, y, _ in series), max(float(y.max()) for _, y, _ in series))
     low, high = low - 0.05 * (high - low), high + 0.05 * (high - low)
     if not high > low:
         low, high = low - 1, high + 1
@@ -75,7 +82,23 @@ def panel(
         level = top + PANEL * (high - k * step) / (high - low)
         yield Line([(LEFT, level), (WIDTH - RIGHT, level)], GRID)
         yield Words(LEFT - 8, level + 4, decimal(k * step, step), 11, "end", GREY)
-    some = slice(None, None, max(1, len(x) // DOTS_MAX))
-    inside = np.clip(top + PANEL * (high - y[some]) / (high - low), top, top + PANEL)
-    yield Dots(list(zip(x[some].tolist(), inside.tolist(), strict=True)), color)
+    for x, y, color in series:
+        some = slice(None, None, max(1, len(x) // DOTS_MAX))
+        inside = np.clip(top + PANEL * (high - y[some]) / (high - low), top, top + PANEL)
+        yield Dots(list(zip(x[some].tolist(), inside.tolist(), strict=True)), color)
     yield Words(LEFT, top - 8, title, 13)
+
+
+def across(values: Floats, span: Floats) -> Floats:
+    low, high = float(span.min()), float(span.max())
+    return np.asarray(LEFT + (values - low) * ((WIDTH - LEFT - RIGHT) / max(high - low, 1e-9)))
+
+
+def scale(place: int, span: Floats, unit: str) -> Iterator[Shape]:
+    """Below a panel."""
+    low, high = float(span.min()), float(span.max())
+    bottom = TOP + place * (PANEL + SPACE) + PANEL + 16
+    step = nice_step((high - low) / 10)
+    for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1):
+        yield Words(float(across(np.array([k * step]), span)[0]), bottom, decimal(k * step, step), 11, "middle", GREY)
+    yield Words(WIDTH - RIGHT, bottom + 15, unit, 12, "end", GREY)

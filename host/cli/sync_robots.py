@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import combinations
 from pathlib import Path
@@ -14,14 +14,19 @@ import numpy as np
 
 from ..clock.robots import Heard, Pair, closures, compare
 from ..protocol.errors import LocalError, PeerError
+from ..usd.drawing import Shape
 from ..usd.examine import NEAR, NOMINAL_HZ, Period, best_fit
 from ..usd.log import Log, Rows
 from . import sync_resets
 from .as_json import line
 from .sync_beacons import compare as beacons
 from .sync_beacons import has_beacons
+from .sync_plot import HEIGHT, PANEL, SPACE, WIDTH
+from .sync_robots_plot import by_broadcasts
 from .usd import load
 
+Draw = Callable[[Iterable[Shape], int], object]
+"""Takes a picture and how many panels it has."""
 FLOATS = "fd"
 SIGMAS = 2.58
 DISTINCT_MIN = 5
@@ -43,11 +48,28 @@ def run(arguments: argparse.Namespace) -> int:
     for name, log in zip(arguments.files, logs, strict=True):
         if not log.row_count:
             raise PeerError(f"{name}: no rows: see 'host usd check'")
+    if not arguments.plot:
+        return judge(arguments, logs, None)
+    from .usd_plot import picture_writer
+    from .usd_tables import new_file
+
+    write_picture = picture_writer(arguments.plot)
+    with new_file(arguments.plot, arguments.force) as out:
+
+        def draw(shapes: Iterable[Shape], panels: int) -> None:
+            out.write(write_picture(WIDTH, HEIGHT - (3 - panels) * (PANEL + SPACE), list(shapes)))
+
+        return judge(arguments, logs, draw)
+
+
+def judge(arguments: argparse.Namespace, logs: Sequence[Log], draw: Draw | None) -> int:
     labels = labelled(arguments.files)
     if not arguments.variable and all(has_beacons(log) for log in logs):
-        return beacons(labels, logs, arguments)
+        return beacons(labels, logs, arguments, draw)
     reset = arguments.reset or sync_resets.were_reset(logs)
     kind, names = named(logs, arguments.files, arguments.variable) if arguments.variable else shared(logs)
+    if not names and reset and draw:
+        raise LocalError("--plot: a reset alone leaves nothing to draw")
     if not names and reset:
         return sync_resets.compare(labels, logs, arguments.json)
     if not names:
@@ -64,6 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
             print(line(record))
     else:
         print("\n".join(lines(heard, names, found, periods)))
+    if draw and pairs:
+        draw(by_broadcasts(heard, pairs), 2)
     if reset and len(pairs) == len(found):
         sync_resets.tell(labels, logs, zeros(pairs), arguments)
     if len(pairs) < len(found):

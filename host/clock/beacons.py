@@ -94,13 +94,18 @@ class Against:
     """A robot's clock against the host's."""
 
     beacons: Beacons
-    drift_ppm: float
-    """Mean, of the robot's clock against the host's."""
-    base_us: float
-    """Robot less host at the first beacon; the curve comes on top of that and of the drift."""
+    line_us: tuple[float, float]
+    """Robot less host at the first beacon, and its growth in a second; the curve comes on top of that line."""
     smoothed: Smoothed
     scale: float
     """The curve's seconds to one of the host's."""
+
+    @property
+    def drift_ppm(self) -> float:
+        """Of the robot's clock against the host's, from the first beacon to the last."""
+        ends_us = self.beacons.host_us[[0, -1]].astype(np.float64)
+        offset, _ = self.at(ends_us)
+        return float((offset[1] - offset[0]) / (ends_us[1] - ends_us[0])) * 1e6
 
     @property
     def is_slow(self) -> bool:
@@ -121,7 +126,7 @@ class Against:
         """(robot less host, its bound of 99 %) in us; the bound is infinite where no beacon is near."""
         since = (np.asarray(host_us, np.float64) - self.beacons.host_us[0]) * 1e-6
         curve = self.smoothed.track
-        offset = self.base_us + self.drift_ppm * since + curve.at(since * self.scale)
+        offset = self.line_us[0] + self.line_us[1] * since + curve.at(since * self.scale)
         bound = np.interp(since * self.scale, curve.time_s, self.smoothed.bound_us) * (1 + FEW / len(self.beacons))
         return offset, bound + self._bend_us(since)
 
@@ -145,10 +150,10 @@ def against_host(beacons: Beacons) -> Against | None:
     offset = (beacons.local_us - beacons.host_us).astype(np.float64)
     part = max(len(since) // 10, 5)
     rates = (offset[-part:] - offset[:part]) / np.maximum(since[-part:] - since[:part], 1e-6)
-    drift = float(np.median(rates))
+    growth = float(np.median(rates))
     scale = STEP_S * (len(since) - 1) / float(since[-1])
-    left = offset - offset[0] - drift * since
-    return Against(beacons, drift, float(offset[0]), smooth(since * scale, left, 1.0, BLOCK_S_MAX * scale), scale)
+    left = offset - offset[0] - growth * since
+    return Against(beacons, (float(offset[0]), growth), smooth(since * scale, left, 1.0, BLOCK_S_MAX * scale), scale)
 
 
 def recent(beacons: Beacons) -> Beacons:

@@ -74,6 +74,7 @@ def test_slope_and_offset_of_a_pair() -> None:
         ends = np.array([pair[0].host_us[0], pair[0].host_us[-1]], np.float64)
         first, second = (np.diff(each.clock(ends))[0] for each in pair)
         assert abs(found.slope_ppm - (second / first - 1) * 1e6) <= found.slope_bound_ppm < 1, f"seed {seed}"
+        assert abs(fitted(pair[0]).drift_ppm - (first / np.diff(ends)[0] - 1) * 1e6) < 0.1
         moments = np.linspace(*ends, 100_001)
         at = moments[np.argmin(np.abs(pair[0].clock(moments) - found.at_us))]
         assert abs(found.offset_us - (pair[1].clock(at) - pair[0].clock(at))) <= found.bound_us + 5

@@ -46,9 +46,12 @@ def test_robots_that_heard_nothing_in_common() -> None:
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the shared logs are not here")
-def test_three_real_robots(capsys: pytest.CaptureFixture[str]) -> None:
+def test_three_real_robots(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Against an independent decoder and fit (its table: slope, sigma)."""
-    assert main(["sync", "robots", *(str(REAL / name) for name in ("cf231_00", "cf5_00", "cf6_00")), "--json"]) == 0
+    names = [str(REAL / name) for name in ("cf231_00", "cf5_00", "cf6_00")]
+    picture = tmp_path / "clocks.svg"
+    assert main(["sync", "robots", *names, "--json", "--plot", str(picture)]) == 0
+    assert "about the line, us" in picture.read_text(encoding="utf-8")
     records = [json.loads(each) for each in capsys.readouterr().out.splitlines()]
     pairs = [each for each in records if each["event"] == "pair"]
     for pair, (ppm, sigma) in zip(pairs, [(54.0, 4.5), (237.1, 4.6), (183.3, 4.4)], strict=True):

@@ -91,3 +91,5 @@ def test_logs_that_begin_after_it(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert main(["sync", "robots", a, b, c, "--reset"]) == 4
     assert "c has missed the reset, or logged later" in capsys.readouterr().err
     assert main(["sync", "robots", a, b, "--reset-every-us", "0"]) == 2
+    assert main(["sync", "robots", a, b, "--reset", "--plot", str(tmp_path / "no.svg")]) == 2
+    assert not list(tmp_path.glob("no*"))
