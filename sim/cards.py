@@ -22,7 +22,7 @@ FULL = [
     "pm.vbat",
 ]
 BUILT_IN = {
-    "state": ["1", "8192", "log", "1", "on:fixedFrequency", "250", "1", *STATE, *POSE, *BEACONS],
+    "state": ["1", "16384", "log", "1", "on:fixedFrequency", "250", "1", *STATE, *POSE, *BEACONS],
     "full": ["1", "65535", "log", "1", "on:fixedFrequency", "1000", "1", *FULL, *POSE, *BEACONS],
 }
 """Their names are in settings.CONFIGS, for the documentation."""

@@ -43,7 +43,7 @@ COUNTERS = {
 }
 """The apps' counters by the names in their structs; a dot becomes an underscore."""
 LOG_STATUS = ["off", "starts", "on", "closes", "no card", "no config", "bad config", "no name", "full", "failed"]
-"""By stm32_log_status_t."""
+"""By log_state_t."""
 LOG_COUNTERS = {
     "status": "log.status",
     "files": "log.files",

@@ -43,7 +43,13 @@ RULES: list[tuple[str, set[str], set[str]]] = [
         "host.link",
         {"host.link.records", "host.link.assemble", "host.link.dialects", "host.link.expected", "host.link.session"}
         | {"host.protocol", "host.native"}
-        | {"host.link.finding", "host.link.listening", "host.link.rules", "host.link.rules_of_time"}
+        | {
+            "host.link.finding",
+            "host.link.listening",
+            "host.link.rules",
+            "host.link.rules_of_log",
+            "host.link.rules_of_time",
+        }
         | {"host.link.mcap", "host.link.mcap_summary", "host.link.foxglove"},
         IO,
     ),

@@ -43,7 +43,8 @@ enum {
     NATIVE_PAIRS = 3,   ///< GAP8 -> host: stamp messages with their time of arrival
     NATIVE_STATUS = 4,  ///< ESP32 -> host: its counters, once a second
     NATIVE_REPLY = 5,   ///< answer to a request
-    NATIVE_STREAM = 16, ///< host -> GAP8 and host -> ESP32: stock or native
+    NATIVE_LOG = 6,     ///< STM32 -> host: the log on its card, once a second (native_log.h)
+    NATIVE_STREAM = 16, ///< host -> GAP8, ESP32 and STM32: stock or native
     NATIVE_CAMERA = 17, ///< host or STM32 -> GAP8: camera settings
 };
 

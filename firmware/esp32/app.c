@@ -67,13 +67,14 @@ static bool route(esp32_t *self, const cpx_packet_t *packet, esp32_port_t from, 
     if (from == ESP32_PORT_SPI && has_route(packet, CPX_GAP8, CPX_HOST) && esp32_images_take(self, packet)) {
         return true;
     }
+    if (has_route(packet, CPX_STM32, CPX_HOST) && esp32_reports_unasked(self, packet->data)) {
+        return true;
+    }
     if (!esp32_queue_push(queue, packet)) {
         return false;
     }
     self->packets_forwarded++;
-    if (has_route(packet, CPX_HOST, CPX_GAP8)) {
-        esp32_images_asked(self, packet->data);
-    }
+    esp32_asked(self, packet);
     return true;
 }
 
@@ -112,6 +113,7 @@ static void set_client(esp32_t *self, bool on, uint64_t now_us) {
     self->from_tcp.packet.size = 0;
     self->bridged_fill = 0;
     self->native = false;
+    self->reports = false;
     self->client = on;
     if (!self->config.bridge) {
         self->client_next_us = now_us + ESP32_CLIENT_REPEAT_US;

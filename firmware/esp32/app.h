@@ -12,6 +12,7 @@
 #include "../core/cpx_uart.h"
 #include "../core/image.h"
 #include "../core/nanocockpit.h"
+#include "../core/native_log.h"
 #include "../core/paper.h"
 
 typedef enum {
@@ -91,6 +92,7 @@ typedef struct {
     bool network_started; ///< the driver has been told the present settings
     bool client;
     bool native;   ///< the host has asked for status messages
+    bool reports;  ///< likewise, for the STM32's about its log
     bool requests; ///< it has sent the GAP8 a native request: replies are for it
     uint8_t ssid[32];
     uint8_t ssid_size;

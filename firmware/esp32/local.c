@@ -97,6 +97,26 @@ void esp32_send_status(esp32_t *self, uint64_t now_us) {
     tell(self, CPX_HOST, CPX_APP, (bytes_t){data, sizeof data});
 }
 
+void esp32_asked(esp32_t *self, const cpx_packet_t *packet) {
+    const cpx_route_t *route = &packet->route;
+    native_stream_t stream;
+    if (route->source != CPX_HOST || route->function != CPX_APP) {
+        return;
+    }
+    if (route->destination == CPX_GAP8) {
+        esp32_images_asked(self, packet->data);
+    } else if (native_stream_decode(packet->data, &stream) > 0) {
+        self->reports = stream.dialect != 0;
+    }
+}
+
+bool esp32_reports_unasked(esp32_t *self, bytes_t in) {
+    native_log_t report;
+    const bool unasked = !self->reports && native_log_decode(in, &report) > 0;
+    self->packets_unsent += unasked;
+    return unasked;
+}
+
 /// Keeps a setting; the network has to be started again if it is another one than before.
 static void set_text(esp32_t *self, uint8_t *text, uint8_t *text_size, bytes_t in) {
     if (in.size == *text_size && memcmp(text, in.data, in.size) == 0) {

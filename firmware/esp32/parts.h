@@ -30,7 +30,7 @@ size_t esp32_ring_packet(const esp32_t *self);
 /// A packet of function APP from the GAP8 to the host: true when it belongs to the image stream, and has been
 /// put into the ring or dropped; false when it is to be routed as any other.
 bool esp32_images_take(esp32_t *self, const cpx_packet_t *packet);
-/// Data of a packet of function APP from the host to the GAP8: what the host asks for, it may get.
+/// Data of a packet of function APP from the host to the GAP8.
 void esp32_images_asked(esp32_t *self, bytes_t in);
 /// For another host: forgets the frame under way and what was asked for, and empties the ring.
 void esp32_images_reset(esp32_t *self);
@@ -46,6 +46,11 @@ esp32_queue_t *esp32_queue_to(esp32_t *self, uint8_t target);
 
 /// A packet for the ESP32. False when the answer finds no room: then nothing has been done.
 bool esp32_local(esp32_t *self, const cpx_packet_t *packet, uint64_t now_us);
+/// A packet is on its way: what the host asks the GAP8 or the STM32 for, it may get.
+void esp32_asked(esp32_t *self, const cpx_packet_t *packet);
+/// Data of a packet of function APP from the STM32 to the host: true, and counted, for a message about the
+/// log that was meant for the host before this one.
+bool esp32_reports_unasked(esp32_t *self, bytes_t in);
 /// To the GAP8, then to the STM32: whether a host is connected.
 void esp32_tell_client(esp32_t *self);
 /// Likewise, but only to whom nothing else waits to be told.

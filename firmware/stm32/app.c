@@ -27,6 +27,7 @@ int stm32_init(stm32_t *self, const stm32_config_t *config, instant_t now) {
     self->stamp_next_us = config->stamp_period_us == UINT32_MAX ? NEVER_US : now.up_us;
     self->wifi_next_us = config->wifi_mode == 0 ? NEVER_US : now.up_us;
     self->crtp_next_us = NEVER_US;
+    self->report_next_us = NEVER_US;
     self->mocap_next_us = config->mocap_period_us == 0 ? NEVER_US : now.up_us;
     const motion_t moves = motion_at(&config->pose, config->sway_m, now.up_us);
     self->attitude = attitude_of(&moves.pose); // it only sways
@@ -111,6 +112,7 @@ static void set_client(stm32_t *self, bool on, uint64_t now_us) {
         self->wifi_next_us = NEVER_US;
         return;
     }
+    self->report_next_us = NEVER_US;
     set_bridge(self, false, now_us);
     if (self->config.wifi_mode != 0) {
         self->wifi_next_us = now_us; // the ESP32 may have started anew and know no settings
@@ -152,6 +154,8 @@ static bool handle(stm32_t *self, const cpx_packet_t *packet, instant_t now) {
     case CPX_CRTP:
         self->crtp_ignored += stm32_crtp(self, in, now) ? 0 : 1;
         return true;
+    case CPX_APP:
+        return stm32_reports_asked(self, packet, now.up_us);
     case CPX_CONSOLE:
         return true;
     default:
@@ -201,7 +205,10 @@ static size_t transmit_stamp(stm32_t *self, uint8_t *out, instant_t now) {
     return 1;
 }
 
-static size_t transmit_cpx(stm32_t *self, uint8_t *out, uint64_t now_us) {
+static size_t transmit_cpx(stm32_t *self, uint8_t *out, instant_t now) {
+    if (now.up_us >= self->report_next_us) {
+        stm32_report(self, now);
+    }
     if (self->queue_fill > 0) {
         const stm32_packet_t *first = &self->queue[self->queue_head];
         cpx_packet_t packet = {.data = {first->data, first->size}};
@@ -211,7 +218,7 @@ static size_t transmit_cpx(stm32_t *self, uint8_t *out, uint64_t now_us) {
             self->queue_fill--;
         }
     }
-    const size_t size = cpx_uart_transmit(&self->uart2, out, now_us);
+    const size_t size = cpx_uart_transmit(&self->uart2, out, now.up_us);
     self->uart2_busy = size > 0;
     return size;
 }
@@ -225,7 +232,7 @@ size_t stm32_transmit(stm32_t *self, stm32_port_t port, bytes_mut_t out, instant
     case STM32_PORT_UART1:
         return transmit_stamp(self, out.data, now);
     case STM32_PORT_UART2:
-        return transmit_cpx(self, out.data, now.up_us);
+        return transmit_cpx(self, out.data, now);
     case STM32_PORT_STORAGE:
         return stm32_log_request(&self->log, out, now);
     default:
@@ -247,6 +254,7 @@ uint64_t stm32_deadline(const stm32_t *self) {
     if (!self->uart2_busy) {
         const bool loads = self->queue_fill > 0 && self->uart2.tx_size == 0;
         deadline_us = earlier(deadline_us, loads ? 0 : cpx_uart_deadline(&self->uart2));
+        deadline_us = earlier(deadline_us, self->report_next_us);
     }
     return deadline_us;
 }

@@ -27,6 +27,7 @@ typedef enum {
 enum {
     STM32_QUEUE_PACKETS = 8, ///< waiting for UART2
     STM32_WIFI_RETRY_US = 2000000,
+    STM32_REPORT_US = 1000000, ///< from one message about the log to the next
     STM32_NAME_BYTES = 32,
 };
 
@@ -71,6 +72,7 @@ typedef struct {
     bool uart2_busy; ///< a byte is on its way
     uint64_t wifi_next_us;
     uint64_t crtp_next_us;
+    uint64_t report_next_us; ///< about the log; NEVER_US: the host has not asked
     uint32_t crtp_sequence;
     bool client; ///< a host is connected to the ESP32
     bool bridge; ///< the host wants CRTP over CPX

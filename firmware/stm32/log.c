@@ -7,12 +7,12 @@ void stm32_log_init(stm32_log_t *self, const stm32_log_config_t *config, const u
     memset(self, 0, sizeof *self);
     self->settings = *config;
     self->ring = ring;
-    self->status = STM32_LOG_STARTS;
+    self->status = LOG_STARTS;
     self->step = STEP_OPEN;
     usd_config_init(&self->config, table);
 }
 
-void log_over(stm32_log_t *self, stm32_log_status_t why) {
+void log_over(stm32_log_t *self, log_state_t why) {
     self->status = why;
     self->step = STEP_NONE;
     self->open = false;
@@ -29,7 +29,7 @@ void stm32_log_set(stm32_log_t *self, bool on) {
     if (self->step != STEP_NONE) {
         return;
     }
-    self->status = on ? STM32_LOG_STARTS : STM32_LOG_OFF;
+    self->status = on ? LOG_STARTS : LOG_OFF;
     if (on) {
         self->step = self->usable ? STEP_CREATE : STEP_OPEN;
         self->number = self->number == STM32_LOG_NAMES ? 0 : self->number;
@@ -77,7 +77,7 @@ void log_begin_file(stm32_log_t *self, instant_t now) {
     self->ended = false;
     self->rescuing = false;
     self->next = false;
-    self->status = STM32_LOG_ON;
+    self->status = LOG_ON;
     self->step = STEP_WRITE;
     log_drain(self);
 }

@@ -11,6 +11,7 @@
 #ifndef SPINDECK_STM32_LOG_H
 #define SPINDECK_STM32_LOG_H
 
+#include "../core/native_log.h"
 #include "../core/usd_log.h"
 #include "storage.h"
 
@@ -23,20 +24,6 @@ enum {
     STM32_LOG_TRIES = 3, ///< of a write; and of files, when one after the other fails
 };
 
-/// stm32_log_t.status
-typedef enum {
-    STM32_LOG_OFF = 0, ///< not told to
-    STM32_LOG_STARTS = 1,
-    STM32_LOG_ON = 2,
-    STM32_LOG_CLOSES = 3,
-    STM32_LOG_NO_CARD = 4, ///< from here on it is over until it is told to begin anew
-    STM32_LOG_NO_CONFIG = 5,
-    STM32_LOG_BAD_CONFIG = 6, ///< its findings say why
-    STM32_LOG_NO_NAME = 7,    ///< all hundred are taken
-    STM32_LOG_FULL = 8,
-    STM32_LOG_FAILED = 9, ///< the card
-} stm32_log_status_t;
-
 typedef struct {
     uint32_t sync_us; ///< 0 means STM32_LOG_SYNC_US
     uint32_t seed;    ///< of the sessions: random, or at least different in each robot
@@ -44,7 +31,7 @@ typedef struct {
 } stm32_log_config_t;
 
 typedef struct {
-    uint32_t status;     ///< stm32_log_status_t
+    uint32_t status;     ///< log_state_t
     uint32_t files;      ///< created since boot
     uint32_t errors;     ///< storage operations that failed since boot
     uint32_t lost;       ///< rows while there was no file; the next one begins with them

@@ -7,10 +7,8 @@ static void failed(stm32_log_t *self) {
     }
 }
 
-static stm32_log_status_t reason(int32_t result) {
-    return result == STORAGE_NO_CARD ? STM32_LOG_NO_CARD
-           : result == STORAGE_FULL  ? STM32_LOG_FULL
-                                     : STM32_LOG_FAILED;
+static log_state_t reason(int32_t result) {
+    return result == STORAGE_NO_CARD ? LOG_NO_CARD : result == STORAGE_FULL ? LOG_FULL : LOG_FAILED;
 }
 
 /// The file cannot go on: an end behind the last status row that is on the card, and then the next file.
@@ -37,7 +35,7 @@ static void opened(stm32_log_t *self, int32_t result) {
         return;
     }
     self->errors += result == STORAGE_DISK;
-    log_over(self, result == STORAGE_NO_FILE ? STM32_LOG_NO_CONFIG : reason(result));
+    log_over(self, result == STORAGE_NO_FILE ? LOG_NO_CONFIG : reason(result));
 }
 
 static void read_some(stm32_log_t *self, int32_t result, bytes_t data) {
@@ -47,7 +45,7 @@ static void read_some(stm32_log_t *self, int32_t result, bytes_t data) {
     }
     self->usable = result == 0 && usd_config_end(&self->config) == 0;
     self->wanted = self->wanted || (self->usable && self->config.on_startup);
-    self->status = result == 0 ? STM32_LOG_BAD_CONFIG : STM32_LOG_FAILED;
+    self->status = result == 0 ? LOG_BAD_CONFIG : LOG_FAILED;
     self->errors += result != 0;
     self->step = STEP_READ_END;
 }
@@ -56,9 +54,9 @@ static void read_ended(stm32_log_t *self) {
     if (!self->usable) {
         log_over(self, self->status);
     } else if (!self->wanted) {
-        log_over(self, STM32_LOG_OFF);
+        log_over(self, LOG_OFF);
     } else {
-        self->status = STM32_LOG_STARTS;
+        self->status = LOG_STARTS;
         self->step = STEP_CREATE;
     }
 }
@@ -70,7 +68,7 @@ static void created(stm32_log_t *self, int32_t result, instant_t now) {
         self->errors++;
         log_over(self, reason(result));
     } else if (++self->number == STM32_LOG_NAMES) {
-        log_over(self, STM32_LOG_NO_NAME);
+        log_over(self, LOG_NO_NAME);
     }
 }
 
@@ -129,7 +127,7 @@ static void wrote(stm32_log_t *self, int32_t result) {
     if (result >= 0 || result == STORAGE_FULL) {
         failed(self);
         rescue(self, false);
-        self->status = STM32_LOG_FULL;
+        self->status = LOG_FULL;
         return;
     }
     self->step = STEP_RETURN;
@@ -170,16 +168,16 @@ static void closed(stm32_log_t *self, int32_t result) {
     if (result < 0) {
         failed(self);
     }
-    const bool full = self->log.full || self->status == STM32_LOG_FULL;
+    const bool full = self->log.full || self->status == LOG_FULL;
     if (full || !self->wanted || (self->rescuing && !self->next)) {
-        log_over(self, full ? STM32_LOG_FULL : self->rescuing ? STM32_LOG_FAILED : STM32_LOG_OFF);
+        log_over(self, full ? LOG_FULL : self->rescuing ? LOG_FAILED : LOG_OFF);
         return;
     }
     self->number++;
-    self->status = STM32_LOG_STARTS;
+    self->status = LOG_STARTS;
     self->step = STEP_CREATE;
     if (self->number == STM32_LOG_NAMES) {
-        log_over(self, STM32_LOG_NO_NAME);
+        log_over(self, LOG_NO_NAME);
     }
 }
 
@@ -238,7 +236,7 @@ bool stm32_log_answer(stm32_log_t *self, bytes_t in, instant_t now) {
         if (log_has_file(self)) {
             failed(self);
         }
-        log_over(self, STM32_LOG_NO_CARD);
+        log_over(self, LOG_NO_CARD);
         return true;
     }
     const bytes_t data = {in.data + STORAGE_HEAD_BYTES, in.size - STORAGE_HEAD_BYTES};

@@ -33,7 +33,7 @@ static inline uint32_t log_sync_us(const stm32_log_t *self) {
 
 // log.c
 /// Nothing more until it is told to begin anew.
-void log_over(stm32_log_t *self, stm32_log_status_t why);
+void log_over(stm32_log_t *self, log_state_t why);
 /// All that has been made goes to the card.
 void log_drain(stm32_log_t *self);
 void log_begin_file(stm32_log_t *self, instant_t now);

@@ -15,7 +15,7 @@ static bool wants_space(const stm32_log_t *self) {
 static void choose(stm32_log_t *self, instant_t now) {
     if (!self->draining && (!self->open || self->log.full)) {
         self->open = false;
-        self->status = STM32_LOG_CLOSES;
+        self->status = LOG_CLOSES;
         usd_log_end(&self->log, now.stamp_us);
         self->ended = true;
         log_drain(self);

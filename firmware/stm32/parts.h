@@ -22,6 +22,12 @@ void stm32_log_event(stm32_t *self, uint16_t event, instant_t now);
 void stm32_heard_position(stm32_t *self, const pose_t *pose, uint16_t event, instant_t now);
 uint64_t stm32_rows_deadline(const stm32_t *self);
 
+// report.c
+/// A host asks for messages about the log, or for none. False for what is no such request.
+bool stm32_reports_asked(stm32_t *self, const cpx_packet_t *packet, uint64_t now_us);
+/// Queues one, and says when the next is due.
+void stm32_report(stm32_t *self, instant_t now);
+
 // crtp.c
 /// A CRTP packet from the host or the radio: a position, a beacon, or usd.logging set. False: there is
 /// nothing behind this app for it.

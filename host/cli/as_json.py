@@ -9,7 +9,12 @@ from typing import Any
 from ..link.records import Event, Frame, LostFrame, State
 from ..link.state import describe
 
-EVENT_NAMES = {"LostFrame": "lost_frame", "PaperStamp": "paper_stamp", "NanocockpitStamp": "nanocockpit_stamp"}
+EVENT_NAMES = {
+    "LostFrame": "lost_frame",
+    "PaperStamp": "paper_stamp",
+    "NanocockpitStamp": "nanocockpit_stamp",
+    "LogStatus": "log_status",
+}
 
 
 def as_dict(event: Event, robot: int) -> dict[str, Any]:

@@ -27,9 +27,10 @@ SILENCE_S = 2.0
 
 EXAMPLES = """\
 Listens and says where the fault is: camera, GAP8, UART1, STM32, clock, SPI, ESP32, UART2, Wi-Fi or this host, with
-what was seen and what to do; and which stage limits the frame rate. Firmware that speaks native tells most; of a stock
-stream only what reaches the host can be judged. Exit code 4 when something is wrong. Ctrl-C ends it earlier. Nothing
-wrong in less than 10 s is no verdict: healthy is null in JSON then, and the exit code is 2, or after Ctrl-C 130.
+what was seen and what to do; whether the log on the robot's card is complete; and which stage limits the frame rate.
+Firmware that speaks native tells most; of a stock stream only what reaches the host can be judged. Exit code 4 when
+something is wrong. Ctrl-C ends it earlier. Nothing wrong in less than 10 s is no verdict: healthy is null in JSON then,
+and the exit code is 2, or after Ctrl-C 130.
 
 examples:
   host doctor --port socket://192.168.4.1:5000
@@ -175,6 +176,7 @@ def as_record(port: str, heard: Listening, diagnosis: Diagnosis, stopped: bool, 
         "frames_lost": {cause: count for cause, count in heard.counters.frames_lost.items() if count},
         "gap8": dict(heard.gap8.grown),
         "esp32": dict(heard.esp32.grown),
+        "log": None if heard.log is None else dataclasses.asdict(heard.log),
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -107,6 +108,8 @@ def status_lines(robot: Robot) -> list[str]:
         lines.append(f"  {told}")
     if of := emulated(robot.backends):
         lines.append(f"  {of}")
+    if of := card_log(None if robot.log is None else dataclasses.asdict(robot.log)):
+        lines.append(f"  log on the card: {of}")
     state = robot.stream.watch.state
     if state is not None and state.state not in ("waiting", "streaming"):
         lines.append(f"  {describe_state(state, robot.stream.port.clock_ns())}")
@@ -132,6 +135,17 @@ def emulated(backends: dict[str, str] | None) -> str:
         by.setdefault(backend, []).append(mcu)
     parts = [f"{' and '.join(by[backend])} {backend}" for backend in sorted(by)]
     return ", ".join(parts) if "emulated" in by else ""
+
+
+def card_log(log: dict[str, Any] | None) -> str:
+    """How complete the log on the STM32's card is, from its record; empty where there is none, and none is wanted."""
+    if log is None or (log["files"] == 0 and log["state"] in ("off", "no_card", "no_config")):
+        return ""
+    counters = log["counters"]
+    return (
+        f"{log['state'].replace('_', ' ')}, {counters['accepted']} rows, {counters['dropped']} dropped, "
+        f"{counters['card_errors']} errors of the card, longest pause {counters['stall_us'] / 1000:.0f} ms"
+    )
 
 
 def last_time(frame: Frame | None) -> str:
@@ -199,6 +213,8 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
             + (f", good to ± {times['bound_us_median']:.0f} us (median)" if times["given"] else "")
             + (f"; {named}" if named else "")
         )
+    if of := card_log(summary["log"]):
+        lines.append(f"card's log  {of}")
     error = summary["stamp_error_us"]
     if error:
         lines.append(

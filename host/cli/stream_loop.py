@@ -14,13 +14,13 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import host
 
-from ..link.records import Event, Frame, LostFrame, State
+from ..link.records import Event, Frame, LogStatus, LostFrame, State
 from ..protocol.errors import ConnectionLostError, LocalError, PeerSilentError, SpindeckError
 from . import EXIT_INTERRUPTED
 from .interrupt import Interrupt
@@ -57,6 +57,7 @@ class Robot:
     last_ns: int = 0
     first_frame_ns: int = 0
     last_frame: Frame | None = None
+    log: LogStatus | None = None
     stamped: list[Stamped] = field(default_factory=list)
     """Of the frames with an estimate, kept where there is a truth to compare."""
     bounds_us: list[int] = field(default_factory=list)
@@ -89,6 +90,8 @@ class Robot:
                 self.keeper.frame(event)
         elif isinstance(event, LostFrame) and self.keeper:
             self.keeper.broken(event)
+        elif isinstance(event, LogStatus):
+            self.log = event
 
     def take_time(self, native: NativeHeader) -> None:
         """What the robot says of a frame's time."""
@@ -149,6 +152,7 @@ class Robot:
             "reconnects": self.stream.reconnects,
             "times": self.times,
             "stamp_error_us": self.stamp_error_us(),
+            "log": None if self.log is None else asdict(self.log),
             "recorded": None if self.track is None else self.track.summary(),
             "error": None if self.error is None else str(self.error),
         }

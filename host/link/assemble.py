@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from .records import (
     PAIR_DTYPE,
     Console,
     Encoding,
+    LogState,
+    LogStatus,
     NanocockpitHeader,
     NanocockpitStamp,
     NanocockpitState,
@@ -60,6 +62,8 @@ FRAME_COUNTERS = (
     "spi_errors",
     "packets_dropped",
 )
+LOG_STATES: tuple[LogState, ...] = get_args(LogState)
+LOG_COUNTERS = ("requested", "accepted", "dropped", "stall_us", "syncs", "errors", "card_errors")
 STATUS_COUNTERS = tuple(name for name, _ in ffi.typeof("native_status_t").fields if name != "up_us")
 FLAGS = {
     name.removeprefix("FRAME_"): getattr(lib, name)
@@ -184,6 +188,21 @@ def status(data: bytes, arrival_host_ns: int) -> Status:
     decoded = ffi.new("native_status_t *")
     lib.native_status_decode((ffi.from_buffer("uint8_t[]", data), len(data)), decoded)
     return Status(arrival_host_ns, decoded.up_us, {name: getattr(decoded, name) for name in STATUS_COUNTERS})
+
+
+def log_status(data: bytes, arrival_host_ns: int) -> LogStatus:
+    """A native log message that the C has found good."""
+    decoded = ffi.new("native_log_t *")
+    lib.native_log_decode((ffi.from_buffer("uint8_t[]", data), len(data)), decoded)
+    return LogStatus(
+        arrival_host_ns,
+        LOG_STATES[decoded.state],
+        decoded.stm32_us,
+        decoded.epoch,
+        decoded.files,
+        decoded.session,
+        {name: getattr(decoded, name) for name in LOG_COUNTERS},
+    )
 
 
 def reply(data: bytes, arrival_host_ns: int) -> Reply:

@@ -29,6 +29,8 @@ SPOKEN: dict[int, Dialect] = {
 REPEAT_NS = 1_000_000_000
 ASKS_MAX = 10
 """A robot that does not answer this often does not speak native."""
+LAPSE_NS = 3_500_000_000
+"""What came every second and has not come for so long has to be asked for again."""
 
 WRAP = 1 << 32
 JUMP = 1 << 16
@@ -43,6 +45,7 @@ class Asking:
         self.wanted = dialect == "native"
         self._asked = 0
         self._next_ns: int | None = None
+        self._lapses_ns: int | None = None
 
     def announced(self) -> None:
         """The robot sends stock frames and would send native ones."""
@@ -55,8 +58,16 @@ class Asking:
         """What was asked for comes: nothing more to ask."""
         self.wanted = False
 
+    def arrived_again(self, now_ns: int) -> None:
+        """Likewise, unless it ceases to come: its MCU has restarted, and announces nothing."""
+        self.wanted = False
+        self._asked = 0
+        self._lapses_ns = now_ns + LAPSE_NS
+
     def due(self, now_ns: int | None) -> bool:
         """True when a request is to be sent now. None: the time is not known yet, which is enough for the first."""
+        if self._lapses_ns is not None and now_ns is not None and now_ns >= self._lapses_ns:
+            self.wanted, self._lapses_ns, self._next_ns = True, None, None
         if not self.wanted or self._asked >= ASKS_MAX:
             return False
         if self._asked and (now_ns is None or self._next_ns is None or now_ns < self._next_ns):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Stage = Literal["camera", "GAP8", "UART1", "STM32", "clock", "SPI", "ESP32", "UART2", "Wi-Fi", "host", "robot"]
+Stage = Literal["camera", "GAP8", "UART1", "STM32", "clock", "SPI", "ESP32", "UART2", "Wi-Fi", "host", "card", "robot"]
 Severity = Literal["problem", "warning", "note"]
 RARE = 3
 """Less often means nothing."""

@@ -14,6 +14,7 @@ from .records import (
     Announced,
     Event,
     Frame,
+    LogStatus,
     LostFrame,
     NanocockpitStamp,
     NativeHeader,
@@ -109,6 +110,10 @@ class Listening:
     gap8_restarts: int = 0
     gap8_forgot: int = 0
     """The stream was stock again for a while, and the GAP8 had not restarted."""
+    logs: dict[int, LogStatus] = field(default_factory=dict)
+    """By session, the last that was heard of each log on the STM32's card."""
+    log: LogStatus | None = None
+    """The last of all."""
     esp32_restarts: int = 0
     stm32_restarts: int = 0
     stm32_resets: int = 0
@@ -162,6 +167,8 @@ class Listening:
                 self.broken.append((event.arrival_host_ns, event.cause))
             elif isinstance(event, Status):
                 self._status(event)
+            elif isinstance(event, LogStatus):
+                self.log = self.logs[event.session] = event
             elif isinstance(event, Stamp):
                 self._stamp_heard(event)
             elif isinstance(event, PaperStamp):

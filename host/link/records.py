@@ -297,6 +297,29 @@ class Status:
     counters: dict[str, int]
 
 
+LogState = Literal[
+    "off", "starts", "on", "closes", "no_card", "no_config", "bad_config", "no_name", "full", "failed"
+]  # fmt: skip
+"""By log_state_t (firmware/core/native_log.h)."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogStatus:
+    """How complete the log on the STM32's card is (native_log_t), native only."""
+
+    arrival_host_ns: int
+    state: LogState
+    stm32_us: int
+    """STM32 stamp clock when it was so."""
+    epoch: int
+    files: int
+    """Logs begun since boot."""
+    session: int
+    """Of the log, as in its status rows; 0: there was none yet."""
+    counters: dict[str, int]
+    """Of this log: requested, accepted, dropped (rows), stall_us, syncs, errors. Since boot: card_errors."""
+
+
 @dataclass(frozen=True, slots=True)
 class Reply:
     """The GAP8's answer to a request."""
@@ -361,6 +384,7 @@ Event = (
     | NanocockpitStamp
     | Console
     | Status
+    | LogStatus
     | Reply
     | Packet
     | Garbage

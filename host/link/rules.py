@@ -8,6 +8,7 @@ import numpy as np
 
 from .finding import RARE, Finding
 from .listening import NS, Listening
+from .rules_of_log import card_log
 from .rules_of_time import clocks, time_wire
 
 LOST_SHARE = 0.02
@@ -210,7 +211,7 @@ def not_to_be_seen(heard: Listening) -> Iterator[Finding]:
     yield Finding("robot", "note", heard.spoken, what, evidence, todo)
 
 
-RULES = (silence, camera, restarts, time_wire, clocks, spi, uart2, wireless, this_host, not_to_be_seen)
+RULES = (silence, camera, restarts, time_wire, clocks, spi, uart2, wireless, this_host, card_log, not_to_be_seen)
 
 
 def times(number: int) -> str:

@@ -40,8 +40,8 @@ LINE_OUT_MAX = 512
 PAIRS_KEPT = 8192
 """Waiting for a frame to carry them, at most: 80 s of them."""
 
-ASKED = (lib.CPX_GAP8, lib.CPX_ESP32)
-"""The GAP8 for native frames, the ESP32 for its counters."""
+ASKED = (lib.CPX_GAP8, lib.CPX_ESP32, lib.CPX_STM32)
+"""The GAP8 for native frames, the ESP32 for its counters, the STM32 for those of its log."""
 
 BODY_NEEDED, FRAME, LOST, NATIVE = lib.STREAM_BODY_NEEDED, lib.STREAM_FRAME, lib.STREAM_LOST, lib.STREAM_NATIVE
 
@@ -74,7 +74,11 @@ class Session:
         self._lost: Counter[str] = Counter()
         self._numbers = FrameNumbers()
         self._ids = FrameIds()
-        self._asking = [Asking("stock" if framing == "stamps" else dialect) for _ in ASKED]
+        self._asking = {
+            target: Asking("stock" if framing == "stamps" else dialect)
+            for target in ASKED
+            if framing != "cpx-uart" or target != lib.CPX_STM32  # there the host sits in its place
+        }
         self._to_send: deque[CpxPacket] = deque()
         self._heard_ns: int | None = None
         self._line_us = 0
@@ -244,7 +248,7 @@ class Session:
             self.expected.heard(STAMPS[event.message.kind])
             events.append(assemble.stamp(event.message, arrival_host_ns))
         elif kind == lib.STREAM_ANNOUNCED:
-            for asking in self._asking:
+            for asking in self._asking.values():
                 asking.announced()
             self.expected.heard("native")
             events.append(Announced(arrival_host_ns))
@@ -279,7 +283,7 @@ class Session:
         if dialect == lib.DIALECT_NATIVE:
             frame.native = assemble.native_header(closed.header)
             frame.pairs = self._take_pairs()
-            self._asking[0].arrived()
+            self._asking[lib.CPX_GAP8].arrived()
             self._numbers.came(closed.header.frame, closed.header.frames_unsent, closed.headless)
         elif dialect == lib.DIALECT_PAPER:
             frame.paper = assemble.paper_header(closed.paper)
@@ -314,9 +318,13 @@ class Session:
     def _native_message(self, data: bytes, events: list[Event], arrival_host_ns: int) -> None:
         if data[1] == lib.NATIVE_STATUS:
             status = assemble.status(data, arrival_host_ns)
-            self._asking[1].arrived()
+            self._asking[lib.CPX_ESP32].arrived()
             self._numbers.esp32_says(status.counters["frames_dropped"])
             events.append(status)
+        elif data[1] == lib.NATIVE_LOG:
+            events.append(assemble.log_status(data, arrival_host_ns))
+            if lib.CPX_STM32 in self._asking:
+                self._asking[lib.CPX_STM32].arrived_again(arrival_host_ns)
         elif data[1] == lib.NATIVE_REPLY:
             events.append(assemble.reply(data, arrival_host_ns))
         else:
@@ -337,8 +345,8 @@ class Session:
     def _ask(self, now_ns: int | None) -> None:
         if self._to_send:
             return
-        for target, asking in zip(ASKED, self._asking, strict=True):
-            if asking.wanted and asking.due(now_ns):
+        for target, asking in self._asking.items():
+            if asking.due(now_ns):
                 self.send(target, lib.CPX_APP, encode_stream_request(StreamRequest(native=True)))
 
     def _uart_to_send(self) -> bytes:

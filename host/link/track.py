@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from . import foxglove
 from .dialects import Dialect
-from .records import Event, Frame, LostFrame, NanocockpitStamp, PaperStamp, Stamp
+from .records import Event, Frame, LogStatus, LostFrame, NanocockpitStamp, PaperStamp, Stamp
 
 Part = Literal["images", "raw"]
 """What can be left out: the images, which are in the raw bytes too, or the raw bytes, without which nothing can be
@@ -25,7 +25,7 @@ class Missing:
     sent_bytes: int = 0
     frames: int = 0
     others: int = 0
-    """Stamps, lost frames and new connections."""
+    """Stamps, lost frames, the card's log and new connections."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +45,7 @@ TOPICS: dict[str, tuple[str, Any]] = {
     "stamp": ("spindeck.Stamp", Stamp),
     "paper_stamp": ("spindeck.PaperStamp", PaperStamp),
     "nanocockpit_stamp": ("spindeck.NanocockpitStamp", NanocockpitStamp),
+    "log_status": ("spindeck.LogStatus", LogStatus),
     "connection": ("spindeck.Connection", Connection),
     "missing": ("spindeck.Missing", Missing),
 }
@@ -55,6 +56,7 @@ EVENTS: dict[type[Any], str] = {
     Stamp: "stamp",
     PaperStamp: "paper_stamp",
     NanocockpitStamp: "nanocockpit_stamp",
+    LogStatus: "log_status",
 }
 """What else a session reports can be had again from the raw bytes."""
 
@@ -134,7 +136,7 @@ class Track:
             missing.received_bytes += size if topic == "received" else 0
             missing.sent_bytes += size if topic == "sent" else 0
             missing.frames += topic == "frame"
-            missing.others += topic in ("stamp", "paper_stamp", "nanocockpit_stamp", "lost_frame", "connection")
+            missing.others += topic not in ("received", "sent", "frame")
 
     def summary(self) -> dict[str, Any]:
         """What was recorded; complete once the recorder is closed."""

@@ -25,6 +25,7 @@ HEADERS = [
     "firmware/core/stamp.h",
     "firmware/core/clock.h",
     "firmware/core/image.h",
+    "firmware/core/native_log.h",
     "firmware/core/paper.h",
     "firmware/core/nanocockpit.h",
     "firmware/core/uart1.h",

@@ -1,6 +1,7 @@
 #include "frames.h"
 
 #include "../../firmware/core/checks.h"
+#include "../../firmware/core/native_log.h"
 
 #include <string.h>
 
@@ -166,12 +167,14 @@ static void native_message(stream_t *self, const cpx_packet_t *packet, uint64_t 
     native_pair_t pairs[NATIVE_PAIRS_MAX];
     native_status_t status;
     native_reply_t reply;
+    native_log_t log;
     size_t count;
     uint32_t lost;
     const uint8_t kind = packet->data.data[1];
     const int result = kind == NATIVE_PAIRS    ? native_pairs_decode(packet->data, pairs, &count, &lost)
                        : kind == NATIVE_STATUS ? native_status_decode(packet->data, &status)
                        : kind == NATIVE_REPLY  ? native_reply_decode(packet->data, &reply)
+                       : kind == NATIVE_LOG    ? native_log_decode(packet->data, &log)
                                                : ERR_START;
     self->bad_messages += result < 0 ? 1 : 0;
     report_data(self, result < 0 ? STREAM_PACKET : STREAM_NATIVE, packet, offset);

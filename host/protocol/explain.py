@@ -22,6 +22,7 @@ MESSAGES: dict[int, tuple[str, Any]] = {
     3: ("native pairs", native.PAIRS),
     4: ("native status", native.STATUS),
     5: ("native reply", native.REPLY),
+    6: ("native log", native.LOG),
     16: ("native stream request", native.STREAM),
     17: ("native camera request", native.CAMERA),
 }

@@ -95,6 +95,27 @@ NATIVE = [
         + bytes.fromhex("9f 90 1b 8a"),
         {"up_us": 0x0807060504030201, **{name: 0x31000021 + i for i, name in enumerate(STATUS_COUNTERS)}},
     ),
+    Message(
+        "native_log",
+        bytes.fromhex(
+            "4e 06 08 07 11 12 13 14 15 16 17 18 21 22 23 24 31 32 33 34 41 42 43 44 51 52 53 54"
+            "61 62 63 64 71 72 73 74 81 82 83 84 91 92 93 94 a1 a2 a3 a4 bb 68 08 25"
+        ),
+        {
+            "state": 8,
+            "epoch": 7,
+            "stm32_us": 0x1817161514131211,
+            "files": 0x24232221,
+            "session": 0x34333231,
+            "requested": 0x44434241,
+            "accepted": 0x54535251,
+            "dropped": 0x64636261,
+            "stall_us": 0x74737271,
+            "syncs": 0x84838281,
+            "errors": 0x94939291,
+            "card_errors": 0xA4A3A2A1,
+        },
+    ),
     Message("native_stream", bytes.fromhex("4e 10 01 00 fc 03"), {"dialect": 1, "data_max": 1020}),
     Message("native_stream", bytes.fromhex("4e 10 00 00 00 00"), {"dialect": 0, "data_max": 0}),
     Message(
@@ -164,11 +185,11 @@ def test_refusals_leave_the_struct_alone(message: Message, poison: int) -> None:
         assert decode(message.wire + b"\x00", out) == lib.ERR_LENGTH
     else:
         assert decode(b"\x00", out) == lib.ERR_START
-        assert decode(b"\x4e\x06" + message.wire[2:], out) == lib.ERR_START
+        assert decode(b"\x4e\x07" + message.wire[2:], out) == lib.ERR_START
     assert untouched(out, poison)
 
 
-@pytest.mark.parametrize("message", NATIVE[:2], ids=lambda message: message.name)
+@pytest.mark.parametrize("message", NATIVE[:3], ids=lambda message: message.name)
 def test_no_bit_of_a_checked_message_may_change(message: Message) -> None:
     out = poisoned(f"{message.name}_t", 0xA5)
     for bit in range(32, 8 * len(message.wire)):  # what comes before says what it is, and how long

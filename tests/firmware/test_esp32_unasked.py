@@ -1,9 +1,10 @@
 """A GAP8 that has missed that its host went still sends native: none of it may reach a host that has not asked."""
 
 import struct
+import zlib
 
 import pytest
-from board import APP, CONSOLE, ESP32, GAP8, HOST, WIFI_CTRL, App, cpx
+from board import APP, CONSOLE, ESP32, GAP8, HOST, STM32, WIFI_CTRL, App, cpx
 from esp32_rig import (
     CLIENT,
     CLIENT_GONE,
@@ -100,6 +101,42 @@ def test_what_was_asked_for_is_forgotten_with_the_client(data_max: int) -> None:
     ask(app, data_max)
     give_all(app, [REPLY, *frame])
     assert from_tcp(app) == [REPLY, *frame]
+
+
+def log_message(state: int = 2) -> bytes:
+    message = struct.pack("<BBBBQ9I", 0x4E, 6, state, 0, 1, *range(9))
+    return cpx(STM32, HOST, APP, message + struct.pack("<I", zlib.crc32(message)))
+
+
+def test_messages_about_the_log_go_to_a_host_that_has_asked_the_stm32() -> None:
+    app = esp32()
+    request = NATIVE_REQUEST + bytes(2)
+    for target in (GAP8, ESP32, None):
+        if target is not None:
+            give(app, "TCP", cpx(HOST, target, APP, request))
+        app.transmit("UART2", 0)
+        from_tcp(app)
+        give(app, "UART2", log_message())
+        assert from_tcp(app) == [], target
+    assert app.packets_unsent == 3
+    give(app, "UART2", cpx(STM32, HOST, APP, b"\x4e\x06 of somebody else"))
+    assert len(from_tcp(app)) == 1
+    give(app, "TCP", cpx(HOST, STM32, APP, request))
+    give(app, "UART2", log_message())
+    assert from_tcp(app) == [log_message()]
+    give(app, "TCP", cpx(HOST, STM32, APP, b"\x4e\x10\0\0\0\0"))
+    give(app, "UART2", log_message())
+    assert from_tcp(app) == []
+
+
+def test_the_next_host_gets_no_messages_about_the_log() -> None:
+    app = esp32()
+    give(app, "TCP", cpx(HOST, STM32, APP, NATIVE_REQUEST + bytes(2)))
+    app.receive("NETWORK", CLIENT_GONE, 0)
+    app.receive("NETWORK", CLIENT, 0)
+    give(app, "UART2", log_message())
+    assert from_tcp(app) == []
+    assert app.packets_unsent == 1
 
 
 def test_a_host_that_goes_back_to_stock_gets_the_frame_under_way() -> None:

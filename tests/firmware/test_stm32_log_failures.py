@@ -44,7 +44,7 @@ def test_what_is_synced_is_verified_at_any_moment(sync_us: int) -> None:
 def test_a_full_card_ends_the_log_properly(room: int) -> None:
     rig = Rig(MemoryCard(config(), room))
     rig.run(60 * SECOND)
-    assert rig.app.log.status == lib.STM32_LOG_FULL
+    assert rig.app.log.status == lib.LOG_FULL
     (log,) = logs(rig)
     assert log.is_whole
     assert log.verified_count == log.row_count
@@ -60,7 +60,7 @@ def test_a_full_card_ends_the_log_properly(room: int) -> None:
 def test_a_card_without_room_for_a_header(room: int) -> None:
     rig = Rig(MemoryCard(config(), room))
     rig.run(5 * SECOND)
-    assert rig.app.log.status == lib.STM32_LOG_FULL
+    assert rig.app.log.status == lib.LOG_FULL
     assert rig.card.done[-1][0] == CLOSE
 
 
@@ -78,7 +78,7 @@ def test_a_card_that_cannot_allocate_ahead() -> None:
     card.fails = lambda operation, argument: DISK if operation == SEEK and len(card.done) < 8 else None
     rig = Rig(card)
     rig.run(10 * SECOND)
-    assert rig.app.log.status == lib.STM32_LOG_FULL
+    assert rig.app.log.status == lib.LOG_FULL
     (log,) = logs(rig)
     assert log.is_whole
     status = last_status(log)
@@ -132,7 +132,7 @@ def test_a_card_that_fails_for_good_is_given_up() -> None:
     rig = flown(1.0)
     rig.card.fails = lambda operation, argument: DISK
     rig.run(5 * SECOND)
-    assert rig.app.log.status == lib.STM32_LOG_FAILED
+    assert rig.app.log.status == lib.LOG_FAILED
     assert rig.app.log.errors > 3
     asked = len(rig.card.done)
     rig.run(60 * SECOND)
@@ -144,7 +144,7 @@ def test_only_writes_of_every_file_fail() -> None:
     rig = flown(1.0)
     rig.card.fails = lambda operation, argument: DISK if operation == WRITE else None
     rig.run(5 * SECOND)
-    assert rig.app.log.status == lib.STM32_LOG_FAILED
+    assert rig.app.log.status == lib.LOG_FAILED
     assert len(rig.card.files) <= 2 + lib.STM32_LOG_TRIES
 
 
@@ -171,11 +171,11 @@ def test_any_operation_may_fail(result: int, burst: int) -> None:
         )
         rig.run(500_000)
         due = rig.now_us
-        was_on = rig.app.log.status == lib.STM32_LOG_ON
+        was_on = rig.app.log.status == lib.LOG_ON
         ended(rig)
         where = f"operation {first} to {first + burst - 1} fail with {result}"
         files = logs(rig)
-        assert rig.app.log.status not in (lib.STM32_LOG_ON, lib.STM32_LOG_CLOSES, lib.STM32_LOG_STARTS), where
+        assert rig.app.log.status not in (lib.LOG_ON, lib.LOG_CLOSES, lib.LOG_STARTS), where
         for (name, data), log in zip(log_files(rig), files, strict=True):
             for damage in log.damages:
                 lost = data[damage.offset : damage.offset + damage.size].rstrip(STALE)
@@ -196,7 +196,7 @@ def test_close_and_truncate_that_fail_leave_a_log_that_can_be_read() -> None:
         (log,) = logs(ended(rig))
         assert log.verified_count == log.row_count
         assert rig.app.log.errors == 1
-        assert rig.app.log.status == lib.STM32_LOG_OFF
+        assert rig.app.log.status == lib.LOG_OFF
 
 
 @pytest.mark.parametrize(

@@ -18,11 +18,11 @@ def replies(rig: Rig, data: bytes) -> list[bytes]:
 
 def test_logging_begins_and_ends_by_its_parameter() -> None:
     rig = flown(1.0, config(startup=0))
-    assert (rig.app.log.status, sorted(rig.card.files)) == (lib.STM32_LOG_OFF, ["config.txt"])
+    assert (rig.app.log.status, sorted(rig.card.files)) == (lib.LOG_OFF, ["config.txt"])
     answer = cpx(STM32, HOST, CRTP, b"\x23\0usd\0logging\0\x00", last=0)
     assert replies(rig, b"\x23\0usd\0logging\0\x08\x01") == [answer]
     rig.run(2 * SECOND)
-    assert rig.app.log.status == lib.STM32_LOG_ON
+    assert rig.app.log.status == lib.LOG_ON
     assert replies(rig, b"\x23\0usd\0logging\0\x08\x00") == [answer]
     rig.run(3 * SECOND)
     assert replies(rig, b"\x23\0usec\0reset\0\x08\x01") == [cpx(STM32, HOST, CRTP, b"\x23\0usec\0reset\0\x02", last=0)]
@@ -69,13 +69,13 @@ def test_the_first_free_name_is_taken() -> None:
     assert sum(data == b"old" for data in card.files.values()) == 99
     rig.logging(True)
     rig.run(rig.now_us + SECOND)
-    assert rig.app.log.status == lib.STM32_LOG_NO_NAME
+    assert rig.app.log.status == lib.LOG_NO_NAME
     assert card.done[-1] == (CREATE, EXISTS)
 
 
 @pytest.mark.parametrize(
     ("text", "status"),
-    [(None, lib.STM32_LOG_NO_CONFIG), (b"2\n", lib.STM32_LOG_BAD_CONFIG), (b"", lib.STM32_LOG_BAD_CONFIG)],
+    [(None, lib.LOG_NO_CONFIG), (b"2\n", lib.LOG_BAD_CONFIG), (b"", lib.LOG_BAD_CONFIG)],
 )
 def test_without_a_usable_config_nothing_is_written(text: bytes | None, status: int) -> None:
     rig = Rig(MemoryCard(text))
@@ -89,11 +89,11 @@ def test_without_a_card_the_robot_flies() -> None:
     card.fails = lambda operation, argument: NO_CARD
     rig = Rig(card)
     rig.run(SECOND)
-    assert (rig.app.log.status, len(card.done), rig.app.log.errors) == (lib.STM32_LOG_NO_CARD, 1, 0)
+    assert (rig.app.log.status, len(card.done), rig.app.log.errors) == (lib.LOG_NO_CARD, 1, 0)
     card.fails = lambda operation, argument: None
     rig.logging(True)
     rig.run(2 * SECOND)
-    assert rig.app.log.status == lib.STM32_LOG_ON
+    assert rig.app.log.status == lib.LOG_ON
 
 
 def test_a_long_config_with_findings_is_read_to_its_end() -> None:

@@ -26,7 +26,7 @@ def rows_of(data: bytes, log: Log) -> list[tuple[int, int]]:
 def test_a_closed_file_is_whole_and_every_row_is_on_its_grid() -> None:
     rig = ended(flown())
     assert sorted(rig.card.files) == ["config.txt", "log00"]
-    assert (rig.app.log.status, rig.app.log.files, rig.app.log.errors) == (lib.STM32_LOG_OFF, 1, 0)
+    assert (rig.app.log.status, rig.app.log.files, rig.app.log.errors) == (lib.LOG_OFF, 1, 0)
     data = bytes(rig.card.files["log00"])
     (log,) = logs(rig)
     assert log.is_whole

@@ -4,6 +4,7 @@
 
 #include "firmware/core/checks.h"
 #include "firmware/core/image.h"
+#include "firmware/core/native_log.h"
 
 /// Decodes `in` as one type of message, of `least` bytes or more, and claims what the first line says.
 /// `spare` to `spare_end` is not judged, nor what comes from `end` on: the check of a message whose spare
@@ -29,6 +30,7 @@ ROUND_TRIP(image_stock, IMAGE_STOCK_BYTES, IMAGE_STOCK_BYTES, 0, 0, IMAGE_STOCK_
 ROUND_TRIP(native_frame, NATIVE_FRAME_BYTES, NATIVE_FRAME_SHORT_BYTES, 2, 4,
            NATIVE_FRAME_SHORT_BYTES - NATIVE_CHECK_BYTES)
 ROUND_TRIP(native_status, NATIVE_STATUS_BYTES, NATIVE_STATUS_BYTES, 2, 4, 60)
+ROUND_TRIP(native_log, NATIVE_LOG_BYTES, NATIVE_LOG_BYTES, 0, 0, NATIVE_LOG_BYTES)
 ROUND_TRIP(native_stream, NATIVE_STREAM_BYTES, NATIVE_STREAM_BYTES, 3, 4, NATIVE_STREAM_BYTES)
 ROUND_TRIP(native_camera, NATIVE_CAMERA_BYTES, NATIVE_CAMERA_BYTES, 7, 8, NATIVE_CAMERA_BYTES)
 ROUND_TRIP(native_reply, NATIVE_REPLY_BYTES, NATIVE_REPLY_BYTES, 0, 0, NATIVE_REPLY_BYTES)
@@ -104,6 +106,10 @@ static void sealed_round_trips(bytes_t in) {
         native_status_round_trip(made);
     }
     memcpy(message, in.data, in.size);
+    if (seal(message, in.size, NATIVE_LOG_BYTES - NATIVE_CHECK_BYTES)) {
+        native_log_round_trip(made);
+    }
+    memcpy(message, in.data, in.size);
     if (seal(message, in.size, NATIVE_PAIRS_HEAD_BYTES + (size_t)in.data[2] * NATIVE_PAIR_BYTES)) {
         pairs_round_trip(made);
     }
@@ -114,6 +120,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     image_stock_round_trip(in);
     native_frame_round_trip(in);
     native_status_round_trip(in);
+    native_log_round_trip(in);
     native_stream_round_trip(in);
     native_camera_round_trip(in);
     native_reply_round_trip(in);

@@ -20,6 +20,7 @@ GAP8_TO_HOST_APP = bytes([0x63, 0x05])
 GAP8_TO_HOST_CONSOLE = bytes([0x63, 0x02])
 ANNOUNCING = bytes([0xE3, 0x05])
 ESP32_TO_HOST_APP = bytes([0x53, 0x05])
+STM32_TO_HOST_APP = bytes([0x0B, 0x05])
 GAP8_TO_HOST_STREAMER = bytes([0x63, 0x06])
 
 
@@ -77,6 +78,11 @@ def pairs(rows: Iterable[tuple[int, int, int, int]], lost: int = 0) -> bytes:
 
 def status(dropped: int, up_us: int = 5) -> bytes:
     return packet(sealed(struct.pack("<BBHQ12I", 0x4E, 4, 0, up_us, 0, dropped, *([0] * 10))), ESP32_TO_HOST_APP)
+
+
+def log_status(dropped: int = 0, state: int = 2) -> bytes:
+    counters = 1000, 1000 - dropped, dropped, 250_000, 40, 0, 6
+    return packet(sealed(struct.pack("<BBBBQ9I", 0x4E, 6, state, 3, 2**33, 1, 0xCAFE, *counters)), STM32_TO_HOST_APP)
 
 
 def reply(request: int, code: int) -> bytes:

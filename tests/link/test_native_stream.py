@@ -11,6 +11,7 @@ from made_streams import (
     ANNOUNCING,
     bodies,
     causes,
+    log_status,
     native,
     native_header,
     packet,
@@ -23,7 +24,7 @@ from made_streams import (
 )
 
 from host.link.dialects import ASKS_MAX, REPEAT_NS
-from host.link.records import PAIR_DTYPE, Frame, LostFrame, Packet, Reply, Status
+from host.link.records import PAIR_DTYPE, Frame, LogStatus, LostFrame, Packet, Reply, Status
 from host.link.session import PAIRS_KEPT, SEND_PACKETS, Session
 from host.protocol.errors import LocalError
 from host.protocol.packets import CameraSettings
@@ -31,6 +32,8 @@ from host.protocol.packets import CameraSettings
 BODY = pixels(60, 50, 1)
 ASK_GAP8 = bytes.fromhex("08005c054e100100") + b"\0\0"
 ASK_ESP32 = bytes.fromhex("08005a054e100100") + b"\0\0"
+ASK_STM32 = bytes.fromhex("080059054e100100") + b"\0\0"
+ASK_ALL = ASK_GAP8 + ASK_ESP32 + ASK_STM32
 
 
 def frame(number: int, **values: int) -> bytes:
@@ -209,7 +212,7 @@ def test_auto_sends_nothing_before_an_announcement() -> None:
     session.tick(10**12)
     assert session.data_to_send() == b""
     session.receive(STOCK_ANNOUNCING[:15], 10**12 + 1)
-    assert session.data_to_send() == ASK_GAP8 + ASK_ESP32
+    assert session.data_to_send() == ASK_ALL
 
 
 def test_stock_never_sends() -> None:
@@ -229,11 +232,11 @@ def test_asking_is_repeated_each_second_and_ends(dialect: Any) -> None:
         asked += len(session.data_to_send())
         session.tick(now + 1)
         asked += len(session.data_to_send())
-    assert asked == ASKS_MAX * len(ASK_GAP8 + ASK_ESP32)
+    assert asked == ASKS_MAX * len(ASK_ALL)
 
 
 def test_native_asks_at_once() -> None:
-    assert Session("tcp", "native").data_to_send() == ASK_GAP8 + ASK_ESP32
+    assert Session("tcp", "native").data_to_send() == ASK_ALL
 
 
 def test_native_frames_end_the_asking_and_a_restart_begins_it_again() -> None:
@@ -242,12 +245,52 @@ def test_native_frames_end_the_asking_and_a_restart_begins_it_again() -> None:
     assert session.data_to_send() != b""
     session.receive(frame(1), 1)
     session.tick(5 * REPEAT_NS)
-    assert session.data_to_send() == ASK_ESP32, "its counters have not come yet"
-    session.receive(status(0), 6 * REPEAT_NS)
+    assert session.data_to_send() == ASK_ESP32 + ASK_STM32, "their counters have not come yet"
+    session.receive(status(0) + log_status(), 6 * REPEAT_NS)
     session.tick(9 * REPEAT_NS)
     assert session.data_to_send() == b""
     session.receive(STOCK_ANNOUNCING, 9 * REPEAT_NS)
-    assert session.data_to_send() == ASK_GAP8 + ASK_ESP32
+    assert session.data_to_send() == ASK_ALL
+
+
+def test_an_stm32_that_has_restarted_is_asked_again() -> None:
+    session = Session("tcp", "native")
+    session.receive(frame(1) + status(0) + log_status(), 0)
+    session.data_to_send()
+    asked = []
+    for now in range(0, 40 * REPEAT_NS, REPEAT_NS // 4):
+        session.receive(log_status() if now < 5 * REPEAT_NS else b"", now)
+        session.tick(now)
+        asked += [(now, data)] if (data := session.data_to_send()) else []
+    assert {data for _, data in asked} == {ASK_STM32}
+    assert len(asked) == ASKS_MAX
+    assert 3 * REPEAT_NS < asked[0][0] - 5 * REPEAT_NS < 4 * REPEAT_NS
+
+
+def test_on_uart2_there_is_no_stm32_to_ask() -> None:
+    session, sent = Session("cpx-uart", "native"), b""
+    for now in range(0, 10 * REPEAT_NS, REPEAT_NS // 100):
+        session.receive(b"\xff\x00", now)
+        sent += session.data_to_send()
+    assert ASK_GAP8[2:] in sent
+    assert ASK_STM32[2:] not in sent
+
+
+@pytest.mark.parametrize("state", range(10))
+def test_what_the_stm32_says_of_its_log(state: int) -> None:
+    events, session = received(log_status(dropped=7, state=state))
+    names = ["off", "starts", "on", "closes", "no_card", "no_config", "bad_config", "no_name", "full", "failed"]
+    counters = {"requested": 1000, "accepted": 993, "dropped": 7, "stall_us": 250_000, "syncs": 40, "errors": 0} | {
+        "card_errors": 6
+    }
+    assert events == [LogStatus(events[0].arrival_host_ns, names[state], 2**33, 3, 1, 0xCAFE, counters)]
+    assert session.counters.bad_messages == 0
+
+
+def test_a_log_message_that_is_damaged_is_counted() -> None:
+    events, session = received(log_status()[:-1] + b"\0" + log_status(state=10))
+    assert [type(event) for event in events] == [Packet, Packet]
+    assert session.counters.bad_messages == 2
 
 
 def test_camera_request() -> None:

@@ -72,6 +72,7 @@ def test_schemas_and_metadata(hover: tuple[Path, Tee]) -> None:
         "/robot0/sent": ("spindeck.Bytes", "protobuf"),
         "/robot0/image": ("foxglove.RawImage", "protobuf"),
         "/robot0/frame": ("spindeck.Frame", "jsonschema"),
+        "/robot0/log_status": ("spindeck.LogStatus", "jsonschema"),
     }
     for channel in found.channels.values():
         metadata = {**channel.metadata}
@@ -80,6 +81,11 @@ def test_schemas_and_metadata(hover: tuple[Path, Tee]) -> None:
             "robot": "0", "port": "sim://hover?pace=max&seed=5", "framing": "tcp", "dialect": "auto",
             "clock": "simulated", "epoch_ns": "0", "scenario": "hover", "seed": "5",
         }  # fmt: skip
+    described = json.loads(schemas["/robot0/log_status"].data)["properties"]
+    said = [told for _, _, told in read(hover[0], "/robot0/log_status")]
+    assert [(told["state"], told["files"]) for told in said] == [("no_card", 0)] * len(said)
+    assert said
+    assert all(set(told) == set(described) for told in said)
     described = json.loads(schemas["/robot0/frame"].data)["properties"]
     for _, _, told in read(hover[0], "/robot0/frame"):
         assert set(told) <= set(described)
@@ -142,7 +148,7 @@ def test_several_robots_in_one_file(tmp_path: Path) -> None:
 def test_a_part_left_out(tmp_path: Path, part: recording.Part, topics: set[str]) -> None:
     record(tmp_path / "part.mcap", "sim://hover?pace=max", without=part)
     found = {channel.topic.rpartition("/")[2] for channel in summary(tmp_path / "part.mcap").channels.values()}
-    assert found == {"received", "sent", "image", "frame"} - topics
+    assert found == {"received", "sent", "image", "frame", "log_status"} - topics
 
 
 def test_same_seed_same_messages(tmp_path: Path) -> None:

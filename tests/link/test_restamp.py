@@ -45,11 +45,14 @@ def test_the_copy_has_all_and_the_times(robots: int, tmp_path: Path, capsys: pyt
         times = [json.loads(each[2]) for each in new[f"/robot{robot}/restamped"]]
         # The first frame came as stock, and has no GAP8 time.
         frames = [each for each in frames if "native" in each]
-        assert [each[:2] for each in new[f"/robot{robot}/restamped"]] == [
+        # Frames that were read together with the event that ended the recording are in its bytes alone.
+        assert len(times) >= len(frames) > 15
+        assert [each[:2] for each in new[f"/robot{robot}/restamped"][: len(frames)]] == [
             each[:2] for each in new[f"/robot{robot}/frame"] if "native" in json.loads(each[2])
         ]
-        assert [each["frame_index"] for each in times] == [each["index"] for each in frames]
-        assert [each["frame_gap8_us"] for each in times] == [each["native"]["frame_gap8_us"] for each in frames]
+        among = times[: len(frames)]
+        assert [each["frame_index"] for each in among] == [each["index"] for each in frames]
+        assert [each["frame_gap8_us"] for each in among] == [each["native"]["frame_gap8_us"] for each in frames]
         rows = [line.split(",") for line in table.read_text(encoding="utf-8").splitlines()[1:]]
         told = [(each.get("frame_stm32_us"), each.get("bound_us"), each.get("refused", "")) for each in times]
         assert [(row[3], row[4], row[6]) for row in rows] == [

@@ -8,6 +8,7 @@ from wire_formats import (
     decode,
     encode,
     repair_frame,
+    repair_log,
     repair_pairs,
     repair_paper,
     repair_state,
@@ -73,6 +74,9 @@ def cases() -> Iterator[Case]:
     yield from starts("native pairs", repair_pairs(bytes([0x4E, 3, 1]) + bytes(9 + 21)), 2 + 1 + 1 + 4 + 21 + 4)
     yield from starts("native data", bytes([0x4E, 2]) + bytes(7), 2)
     yield from starts("native status", repair_status(bytes([0x4E, 4]) + bytes(62)), 64)
+    yield from starts("native log", repair_log(bytes([0x4E, 6]) + bytes(50)), 52)
+    for state, accepted in ((0, True), (9, True), (10, False), (255, False)):
+        yield "native log", repair_log(bytes([0x4E, 6, state]) + bytes(49)), accepted
     yield from starts("native reply", bytes([0x4E, 5]) + bytes(2), 2)
     yield from starts("native camera", bytes([0x4E, 17]) + bytes(12), 2)
     spare_used = repair_status(bytes([0x4E, 4, 1, 2]) + bytes(60))

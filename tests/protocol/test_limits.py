@@ -32,7 +32,7 @@ def test_sizes_agree() -> None:
     assert beacon.BEACON.sizeof() == lib.BEACON_BYTES
     assert stamp.STAMP.sizeof() == lib.STAMP_BYTES
     assert native.PAIR.sizeof() == lib.NATIVE_PAIR_BYTES
-    for name in ("REPLY", "STREAM", "CAMERA", "STATUS"):
+    for name in ("REPLY", "STREAM", "CAMERA", "STATUS", "LOG"):
         assert getattr(native, name).sizeof() == getattr(lib, f"NATIVE_{name}_BYTES")
     assert paper.STAMP.sizeof() == lib.PAPER_STAMP_BYTES
     for name in ("BEGIN", "MORE", "METADATA"):

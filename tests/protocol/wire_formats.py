@@ -191,6 +191,10 @@ def repair_status(data: bytes) -> bytes:
     return repair_check32(data, 60)
 
 
+def repair_log(data: bytes) -> bytes:
+    return repair_check32(data, 48)
+
+
 def repair_check32(data: bytes, at: int) -> bytes:
     return data[:at] + checks.crc32(data[:at]).to_bytes(4, "little") + data[at + 4 :] if len(data) >= at + 4 else data
 
@@ -449,6 +453,15 @@ FORMATS = [
         64,
         any_values("native_status_t"),
         repair=repair_status,
+    ),
+    message(
+        "native log",
+        "native_log_t",
+        "native_log",
+        native.LOG,
+        52,
+        any_values("native_log_t", state=st.integers(0, 9)),
+        repair=repair_log,
     ),
     message("native reply", "native_reply_t", "native_reply", native.REPLY, 4, any_values("native_reply_t")),
     message(

@@ -112,7 +112,7 @@ FAULTS = (
     Case("SPI loses packets", "SPI", ("spi_damage",), {"spi_loss": 0.0005}),
     Case("SPI damages packets", "SPI", ("spi_damage",), {"spi_flip": 0.0000005}),
     Case("UART2 damaged", "UART2", ("uart2_damage",), {"uart2_flip": 0.02}),
-    Case("Wi-Fi stands still", "Wi-Fi", ("wifi_stalls",), {"tcp_stall_per_s": 0.3, "tcp_stall_ms": 700}),
+    Case("Wi-Fi stands still", "Wi-Fi", ("wifi_stalls",), {"tcp_stall_per_s": 0.4, "tcp_stall_ms": 700}),
     Case("Wi-Fi loses segments", "Wi-Fi", ("wifi_stalls",), {"tcp_loss": 0.02, "tcp_rto_ms": 500}),
     Case("Wi-Fi too slow", "Wi-Fi", ("wifi_slow",), {"tcp_bytes_per_s": 300_000}),
     Case("connection damages bytes", "Wi-Fi", ("tcp_damage",), {"tcp_drop": 0.000002}),

@@ -22,6 +22,16 @@ PAIRS += [{"sequence": 2**32 - 1, "stm32_us": 2**64 - 1, "gap8_us": 0, "epoch": 
 COUNTERS = "frames_forwarded frames_dropped frames_cut packets_forwarded packets_dropped packets_unroutable"
 COUNTERS += " uart_bad_check uart_bad_length uart_garbage_bytes uart_gaps spi_errors tcp_skipped_bytes"
 STATUS = {"up_us": 2**33 + 5} | {name: 1000 + place for place, name in enumerate(COUNTERS.split())}
+LOG = {"state": 2, "epoch": 3, "stm32_us": 2**40 + 5, "files": 1, "session": 3194938702}
+LOG |= {
+    "requested": 6163,
+    "accepted": 6160,
+    "dropped": 3,
+    "stall_us": 179077,
+    "syncs": 23,
+    "errors": 1,
+    "card_errors": 4,
+}
 CAMERA = {"auto_exposure": 1, "analog_gain": 4, "digital_gain": 200, "burst": 2, "encoding": 1}
 CAMERA |= {"exposure_lines": 532, "frame_period_us": 66667}
 STAMP = {"sequence": 123456, "stm32_us": 987654321012, "epoch": 3}
@@ -55,6 +65,7 @@ MESSAGES = [
         ),
     ),
     ("native status", STATUS, sealed(struct.pack("<BBHQ12I", 0x4E, 4, 0, *STATUS.values()))),
+    ("native log", LOG, sealed(struct.pack("<BBBBQ9I", 0x4E, 6, *LOG.values()))),
     ("native reply", {"request": 17, "status": 2}, bytes([0x4E, 5, 17, 2])),
     ("native stream", {"dialect": 1, "data_max": 1020}, struct.pack("<BBBBH", 0x4E, 16, 1, 0, 1020)),
     ("native camera", CAMERA, struct.pack("<BBBBBBBBHI", 0x4E, 17, 1, 4, 200, 2, 1, 0, 532, 66667)),

@@ -35,7 +35,8 @@ KINDS = (
     Value(3, "NATIVE_PAIRS", "GAP8 to host: stamp messages with their time of arrival"),
     Value(4, "NATIVE_STATUS", "ESP32 to host: its counters"),
     Value(5, "NATIVE_REPLY", "answer to a request"),
-    Value(16, "NATIVE_STREAM", "host to GAP8, and host to ESP32: stock or native"),
+    Value(6, "NATIVE_LOG", "STM32 to host: the log on its card"),
+    Value(16, "NATIVE_STREAM", "host to GAP8, to ESP32 and to STM32: stock or native"),
     Value(17, "NATIVE_CAMERA", "host or STM32 to GAP8: camera settings"),
 )
 
@@ -198,6 +199,37 @@ REPLY = message(
     5,
     "request" / Int8ul * "kind of the request",
     "status" / Int8ul * "0 done; n: the n-th field of the request is out of range, nothing was changed",
+)
+
+LOG_STATES = (
+    Value(0, "LOG_OFF", "nobody has told the robot to log"),
+    Value(1, "LOG_STARTS", "reads config.txt, or makes the file"),
+    Value(2, "LOG_ON", "logs"),
+    Value(3, "LOG_CLOSES", "was told to stop, and writes the end"),
+    Value(4, "LOG_NO_CARD", "there is none, or no longer"),
+    Value(5, "LOG_NO_CONFIG", "no config.txt on the card"),
+    Value(6, "LOG_BAD_CONFIG", "config.txt says nothing that can be logged"),
+    Value(7, "LOG_NO_NAME", "all hundred names are taken"),
+    Value(8, "LOG_FULL", "the card is full"),
+    Value(9, "LOG_FAILED", "the card takes no log any more"),
+)
+
+LOG = sealed(
+    message(
+        6,
+        "state" / OneOf(Int8ul, range(10)) * "one of LOG_; from LOG_NO_CARD on it has ended by itself",
+        "epoch" / Int8ul * "of the STM32 stamp clock",
+        "stm32_us" / Int64ul * "us, STM32 stamp clock when this message was made",
+        "files" / Int32ul * "logs begun since boot",
+        "session" / Int32ul * "of the log, as in its status rows; 0: none yet",
+        "requested" / Int32ul * "rows that were due, and events",
+        "accepted" / Int32ul * "of these, in the log or on their way",
+        "dropped" / Int32ul * "of these, not in the log",
+        "stall_us" / Int32ul * "us, longest operation of the card",
+        "syncs" / Int32ul * "after each, all before is safe",
+        "errors" / Int32ul * "operations of the card that failed",
+        "card_errors" / Int32ul * "likewise, since boot: in all logs and between them",
+    )
 )
 
 STREAM = message(

@@ -30,6 +30,7 @@ LAYOUTS: dict[str, Any] = {
     "native pair": native.PAIR,
     "native status": native.STATUS,
     "native reply": native.REPLY,
+    "native log": native.LOG,
     "native stream": native.STREAM,
     "native camera": native.CAMERA,
     "paper stamp": paper.STAMP,
@@ -56,6 +57,7 @@ CODES: dict[str, tuple[Value, ...]] = {
     "encodings": image.ENCODINGS,
     "native kinds": native.KINDS,
     "native flags": native.FLAGS,
+    "native log states": native.LOG_STATES,
     "nanocockpit commands": nanocockpit.COMMANDS,
     "nanocockpit types": nanocockpit.TYPES,
 }
