@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..clock.beacons import BEACONS_MIN, Against, Beacons, Between, against_host, between, collect
+from ..clock.beacons import BEACONS_MIN, Against, Between, against_host, between, collect
 from ..protocol.errors import PeerError
 from ..usd.log import Log
 from . import sync_resets
@@ -79,10 +79,6 @@ def epoch_of(log: Log) -> int:
     return max(range(len(parts)), key=lambda number: len(parts[number]))
 
 
-def lost(beacons: Beacons) -> int:
-    return int(beacons.sequence[-1] - beacons.sequence[0]) + 1 - len(np.unique(beacons.sequence))
-
-
 def to_host(fit: Against) -> tuple[float, float, float, float]:
     """In the middle of its beacons: host's time, offset, bound; and the greatest bound from first to last."""
     host_us = np.linspace(fit.beacons.host_us[0], fit.beacons.host_us[-1], 201)
@@ -98,7 +94,7 @@ def records(labels: Sequence[str], fits: Sequence[Against], pairs: Sequence[Betw
             "event": "robot",
             "log": label,
             "beacons": len(fit.beacons),
-            "lost": lost(fit.beacons),
+            "lost": fit.beacons.lost,
             "repeated": fit.beacons.repeated,
             "of_other_runs": fit.beacons.other_runs,
             "drift_ppm": round(fit.drift_ppm, 3),
@@ -128,7 +124,7 @@ def lines(labels: Sequence[str], fits: Sequence[Against], pairs: Sequence[Betwee
     for label, fit in zip(labels, fits, strict=True):
         _, offset, bound, worst = to_host(fit)
         yield (
-            f"{label:{wide}}{len(fit.beacons):8}{lost(fit.beacons):6}{fit.drift_ppm:+12.2f}{offset:+18.1f}"
+            f"{label:{wide}}{len(fit.beacons):8}{fit.beacons.lost:6}{fit.drift_ppm:+12.2f}{offset:+18.1f}"
             f"{shown(bound)}{shown(worst)}"
         )
     for label, fit in zip(labels, fits, strict=True):

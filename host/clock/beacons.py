@@ -18,6 +18,8 @@ from .smoother import BLOCK_PAIRS, Smoothed, smooth
 
 Ints = NDArray[np.int64]
 
+WRAP = 1 << 32
+"""Of the beacons' numbers."""
 BEACONS_MIN = 2 * BLOCK_PAIRS
 BLOCK_S_MAX = 40.0
 """A crystal that warms up bends within a minute."""
@@ -56,6 +58,12 @@ class Beacons:
     def __len__(self) -> int:
         return len(self.sequence)
 
+    @property
+    def lost(self) -> int:
+        """Numbers between the first and the last that did not come."""
+        step = np.diff(self.sequence) % WRAP
+        return int((step[step > 0] - 1).sum())
+
 
 def collect(sequence: ArrayLike, host_us: ArrayLike, local_us: ArrayLike) -> Beacons:
     """Of all that was noted between two resets of the robot's clock: the longest run in which the host's clock and
@@ -86,7 +94,8 @@ def collect(sequence: ArrayLike, host_us: ArrayLike, local_us: ArrayLike) -> Bea
 def follows(number: Ints, host: Ints, local: Ints, a: Any, b: Any) -> Any:
     """Do b's come after a's in the same run of the host, by number, by time and by how much time has passed?"""
     step, passed = host[b] - host[a], local[b] - local[a]
-    return (step >= 0) & (number[b] >= number[a]) & (np.abs(step - passed) <= AWAY * np.abs(passed) + AWAY_US)
+    onward = (number[b] - number[a]) % WRAP < WRAP // 2
+    return (step >= 0) & onward & (np.abs(step - passed) <= AWAY * np.abs(passed) + AWAY_US)
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,10 +195,10 @@ class Between:
 
 def between(first: int, second: int, one: Against, other: Against) -> Between | None:
     """None: they heard different runs of the host, or at different times."""
-    heard, theard = (
+    ours, theirs = (
         set(zip(each.sequence.tolist(), each.host_us.tolist(), strict=True)) for each in (one.beacons, other.beacons)
     )
-    common = len(heard & theard)
+    common = len(ours & theirs)
     begin = max(int(one.beacons.host_us[0]), int(other.beacons.host_us[0]))
     end = min(int(one.beacons.host_us[-1]), int(other.beacons.host_us[-1]))
     if not common or end <= begin:

@@ -112,6 +112,22 @@ def test_a_host_that_started_anew_and_nonsense() -> None:
     assert (np.diff(kept.host_us) > 0).all()
 
 
+def test_numbers_that_wrap_and_clocks_that_glitch() -> None:
+    """A timer's interrupt that comes late makes a reading wrong by 65.536 ms, once."""
+    pair = fleet(replace(RADIO, seconds=900.0), 8)
+    robot = pair[0]
+    local_us = robot.local_us.copy()
+    local_us[[40, 200, 500]] += np.array([-65_536, 65_536, -65_536])
+    wrapped = Robot((robot.sequence + 2**32 - 300) % 2**32, robot.host_us, local_us, robot.clock)
+    clean, found = fitted(robot), fitted(wrapped)
+    assert len(found.beacons) == len(clean.beacons)
+    missing = robot.sequence[-1] - robot.sequence[0] + 1 - len(robot.sequence)
+    assert found.beacons.lost == clean.beacons.lost == missing
+    error, bound = error_us(pair, [found, fitted(pair[1])], np.linspace(robot.host_us[0] + 3e6, robot.host_us[-1], 300))
+    assert (error <= bound).mean() > 0.985
+    assert np.median(bound) < 60
+
+
 @pytest.mark.parametrize("count", [0, 1, 2, BEACONS_MIN - 1])
 def test_too_few(count: int) -> None:
     robot = fleet(RADIO, 1)[0]
