@@ -69,6 +69,16 @@ examples:
   host sync gyro cf1_00 cf2_00 --plot shift.svg --json
 """
 
+MOCAP_EXAMPLES = """\
+How late motion capture's attitudes are (locSrv.qx to .qw on:estPose), and stateEstimate's, by the gyro of the same log
+(gyro.x to .z, best at 500 Hz or more): where both turn alike, only later. With too little rotation, or an even one,
+there is a reason instead; exit code 4 if that holds for all.
+
+examples:
+  host sync mocap log00
+  host sync mocap log00 --source estPose --plot lag.svg --json
+"""
+
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declares the command, its subcommands and their options."""
@@ -115,6 +125,11 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     gyro.add_argument("second", metavar="B", help="the other robot's, of the same time")
     gyro.add_argument("--plot", metavar="FILE", help="draw both gyros, what is left, each event: .svg or .png")
     gyro.add_argument("--force", action="store_true", help="overwrite FILE")
+    mocap = add_verb(verbs, "mocap", run_mocap, "say how late a log's attitudes are, by its gyro", MOCAP_EXAMPLES)
+    mocap.add_argument("file", metavar="LOG", help="a µSD log with attitudes and the gyro in it")
+    mocap.add_argument("--source", metavar="NAME", help="only this group of variables, or event")
+    mocap.add_argument("--plot", metavar="FILE", help="draw what is left over time: .svg or .png")
+    mocap.add_argument("--force", action="store_true", help="overwrite FILE")
 
 
 def run_camera(arguments: argparse.Namespace) -> int:
@@ -139,3 +154,9 @@ def run_gyro(arguments: argparse.Namespace) -> int:
     from . import sync_gyro
 
     return sync_gyro.run(arguments)
+
+
+def run_mocap(arguments: argparse.Namespace) -> int:
+    from . import sync_mocap
+
+    return sync_mocap.run(arguments)

@@ -14,14 +14,15 @@ if TYPE_CHECKING:
     from .usd_times import Times
 
 Number = TypeVar("Number", int, float)
+LAG_SIGMAS = 3.0
 EXAMPLES = """\
 TIMES are in us of the STM32's stamp clock, the log's own: 12400000,12500000, or a file of such numbers, or - for
 standard input, or a recording of host stream (.mcap), whose frames' STM32 times are taken.
 
 Answers are CSV on stdout: time, position in m, attitude as a quaternion, and how far each may be off: by the gap
 between the rows (from how the track bends around it), by the error of the time, and by that of the rows' stamps. What
-the robot's estimate itself was off by is not in it. Where the log does not say, `refused` says why, and there are no
-numbers:
+the robot's estimate itself was off by is not in it; how late it was, host sync mocap can say, for --lag-us. Where the
+log does not say, `refused` says why, and there are no numbers:
   before, after   the log's rows end there: nothing is extrapolated
   hole            rows are missing: the gap is longer than --hole-us
   epoch           the clock was reset: the time lies in several epochs, or in none (--epoch N chooses)
@@ -34,6 +35,7 @@ examples:
   host usd interpolate log00 --at 12400000,12500000
   host usd interpolate log00 --at times.txt --source estPose --method cubic > poses.csv
   host usd interpolate log00 --at flight1.mcap --time-error-us 2500 --json
+  host usd interpolate log00 --at flight1.mcap --source estPose --lag-us 6500±400
 """
 
 
@@ -67,6 +69,11 @@ def add_parser(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         metavar="US",
         help="how far the rows' stamps may be off (default 1000, or the rows' interval if some repeat the row before)",
     )
+    this.add_argument(
+        "--lag-us",
+        metavar="LAG±SIGMA",
+        help="how late the rows' poses are, as host sync mocap says: that is set right, and 3 sigma widen the error",
+    )
     this.add_argument("--hole-us", metavar="US", help="longest gap with an answer (default 2.5 times the usual)")
     this.add_argument("--epoch", metavar="N", help="only this one, as host usd info counts them (default: any)")
     this.add_argument("--robot", metavar="N", help="of the recording (default: its first)")
@@ -98,6 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
     time_error_us = from_zero(arguments.time_error_us, "--time-error-us", real, "microseconds,")
     row_error_us = from_zero(arguments.row_error_us, "--row-error-us", real, "microseconds,")
     hole_us = from_zero(arguments.hole_us, "--hole-us", real, "microseconds,")
+    lag_us, lag_sigma_us = lag(arguments.lag_us)
     times = read_times(arguments.at, robot)
     if time_error_us is None and np.isnan(times.bound_us).any():
         raise LocalError(f"{arguments.at}: its frames do not say how good their times are: say it with --time-error-us")
@@ -105,11 +113,12 @@ def run(arguments: argparse.Namespace) -> int:
         track,
         times.stm32_us,
         arguments.method,
-        bound_us=with_own(times, time_error_us),
+        bound_us=with_own(times, time_error_us) + LAG_SIGMAS * lag_sigma_us,
         row_error_us=row_error_us,
         hole_us=hole_us,
         epoch=epoch,
         unverified=arguments.unverified,
+        lag_us=lag_us,
     )
     write(poses, times, arguments.json)
     warn_of_card(arguments.file)
@@ -124,6 +133,18 @@ def with_own(times: Times, time_error_us: float | None) -> Any:
     if times.frames is None:
         return time_error_us or 0.0
     return np.where(np.isnan(times.bound_us), time_error_us or 0.0, times.bound_us)
+
+
+def lag(text: str | None) -> tuple[float, float]:
+    """The lag and its sigma, us."""
+    if text is None:
+        return 0.0, 0.0
+    mean, sign, sigma = text.replace("+-", "±").partition("±")
+    try:
+        value = real(mean)
+    except ValueError as error:
+        raise LocalError(f"--lag-us {text}: a lag in us and its sigma, as 6500±400 or 6500+-400") from error
+    return value, from_zero(sigma if sign else "0", "--lag-us", real, "a sigma in us") or 0.0
 
 
 def from_zero(text: str | None, option: str, read: Callable[[str], Number], what: str) -> Number | None:

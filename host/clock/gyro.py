@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from .gyro_align import Aligned, align, main_axis
 from .gyro_filter import as_sampled_every, later_us, sample_us
 from .gyro_signal import ORDER, Floats, Mask, Samples, low_pass, prediction, smoothed, whitened
+from .jackknife import Spread, left_out
 
 Places = NDArray[np.intp]
 
@@ -151,14 +152,16 @@ def refine(first: Samples, second: Samples, rough: Aligned, filter_us: float) ->
     number = events_of(at_us)
     if number[-1] + 1 < EVENTS_MIN:
         return Refused(f"{number[-1] + 1} events in which they turned; {EVENTS_MIN} are needed to know the error")
+    left = left - by @ change
     fit = left_out(by, left, number)
     if not np.isfinite(fit.spread).all():
         return Refused("they turned in one event only, in effect: strike the board more often")
-    at_s = fit.best_s()
-    shift, sigma = fit.carried(state, at_s)
+    # There the shift's error and the skew's have nothing in common.
+    at_s = float(-fit.inverse[0, 1] / fit.inverse[1, 1])
+    shift, sigma = carried(state, fit, at_s)
     if sigma > SIGMA_US_MAX:
         return Refused(f"too little rotation: the shift would be sure to ± {sigma / 1000:.1f} ms only")
-    start, start_sigma = fit.carried(state, -rough.middle_us * 1e-6)
+    start, start_sigma = carried(state, fit, -rough.middle_us * 1e-6)
     return Shift(
         shift_us=shift,
         sigma_us=sigma,
@@ -173,7 +176,7 @@ def refine(first: Samples, second: Samples, rough: Aligned, filter_us: float) ->
         explained=explained,
         filter_us=filter_us,
         span_s=float(np.ptp(at_us)) * 1e-6,
-        events=tuple(each_event(at_us, by, left - by @ change, number)),
+        events=tuple(each_event(at_us, by, left, number)),
         first=first,
         second=second,
     )
@@ -222,36 +225,10 @@ def events_of(at_us: Floats) -> Places:
     return np.concatenate([[0], np.cumsum((np.diff(run) > 0) | (np.diff(part) > 0))])
 
 
-@dataclass(frozen=True, slots=True)
-class Fit:
-    inverse: Floats
-    """Of the normal matrix: shift, skew, gain, bias; the shift in the middle."""
-    spread: Floats
-    """Covariance by jackknife."""
-
-    def best_s(self) -> float:
-        """From the middle to where the shift is known best: there its error and the skew's have nothing in common."""
-        return float(-self.inverse[0, 1] / self.inverse[1, 1])
-
-    def carried(self, state: Floats, at_s: float) -> tuple[float, float]:
-        """The shift so many seconds from the middle, and its standard deviation."""
-        by = np.array([1.0, at_s, 0.0, 0.0])
-        return float(by @ state), float(np.sqrt(by @ self.spread @ by))
-
-
-def left_out(by: Floats, left: Floats, number: Places) -> Fit:
-    """Each event in turn."""
-    starts = np.flatnonzero(np.diff(number, prepend=-1))
-    products = np.add.reduceat(by[:, :, None] * by[:, None, :], starts)
-    sums = np.add.reduceat(by * left[:, None], starts)
-    whole, total = products.sum(axis=0), sums.sum(axis=0)
-    try:
-        without = np.linalg.solve(whole - products, (total - sums)[:, :, None])[:, :, 0]
-        inverse = np.linalg.inv(whole)
-    except np.linalg.LinAlgError:
-        return Fit(np.full((4, 4), np.nan), np.full((4, 4), np.nan))
-    away = without - without.mean(axis=0)
-    return Fit(inverse, (len(starts) - 1) / len(starts) * away.T @ away)
+def carried(state: Floats, fit: Spread, at_s: float) -> tuple[float, float]:
+    """The shift so many seconds from the middle, and its standard deviation."""
+    by = np.array([1.0, at_s, 0.0, 0.0])
+    return float(by @ state), float(np.sqrt(by @ fit.spread @ by))
 
 
 def each_event(at_us: Floats, by: Floats, left: Floats, number: Places) -> Iterator[Event]:

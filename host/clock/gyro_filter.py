@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .gyro_signal import Floats, Samples
+from .turning import lag_s
 
 NOMINAL_US = 1000.0
 SENSOR_HZ, FIRMWARE_HZ = 116.0, 80.0
@@ -19,7 +20,7 @@ TRUSTED_HZ = 300.0
 """Above, the filters let nothing through that could be set right."""
 FAR = 0.01
 """Rates that are so far apart are not those of two such gyros."""
-DELAY_US = 1e6 * 2**0.5 / (2 * np.pi) * (1 / SENSOR_HZ + 1 / FIRMWARE_HZ)
+DELAY_US = 1e6 * (2**0.5 / (2 * np.pi * SENSOR_HZ) + lag_s((FIRMWARE_HZ,)))
 """Of slow movements."""
 HOLE = 1.5
 

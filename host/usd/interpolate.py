@@ -13,7 +13,8 @@ The error has two parts, which are added.
   differences are those of the turning rate.
 - Stamp. The time that is asked for may be off by its own bound, each row's by another: how old an estimate can be when
   a row holds it for the first time. That times the speed (or turning rate) in this gap, at its most.
-What the estimate itself is off by is in neither: no log tells.
+What the estimate itself is off by is in neither: no log tells. How late it is, a gyro in the same log can tell, and
+then that can be set right.
 """
 
 from __future__ import annotations
@@ -80,11 +81,14 @@ def interpolate(
     hole_us: float | None = None,
     epoch: int | None = None,
     unverified: bool = False,
+    lag_us: float = 0.0,
 ) -> Poses:
-    """`bound_us`: of each time. `row_error_us`: of the rows' stamps; None: as runs.Run finds it. `hole_us`: no answer
-    in a gap that is longer; None: HOLE_INTERVALS times the median. `epoch`: in which to look; None: in whichever has
-    the time. `unverified`: use such rows, too."""
-    at_us = np.asarray(at_us, np.float64)
+    """`bound_us`: of each time. `lag_us`: the rows are so late: what was at a time has a stamp so much later.
+    `row_error_us`: of the rows' stamps; None: as runs.Run finds it. `hole_us`: no answer in a gap that is longer; None:
+    HOLE_INTERVALS times the median. `epoch`: in which to look; None: in whichever has the time. `unverified`: use such
+    rows, too."""
+    asked_us = np.asarray(at_us, np.float64)
+    at_us = asked_us + lag_us
     bounds = np.broadcast_to(np.asarray(bound_us, np.float64), at_us.shape)
     sorted_rows = [in_order(track, part) for part in track.epochs]
     number, refusal = which_epoch(track, sorted_rows, at_us, epoch)
@@ -115,7 +119,7 @@ def interpolate(
         if array is not None:
             array[refusal != 0] = np.nan
     return Poses(
-        at_us=at_us,
+        at_us=asked_us,
         refusal=refusal,
         epoch=number,
         gap_us=gap_us,

@@ -1,0 +1,36 @@
+"""The picture of `host sync mocap --plot`: for each source of attitudes, what is left over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..clock.lag import Lag
+from ..usd.drawing import Shape, Words
+from .sync_gyro_plot import across, axis
+from .sync_plot import BLUE, GREEN, LEFT, PANEL, SPACE, TOP, panel
+
+WIDTH, HEIGHT = 1200, 760
+SHOWN = 2
+"""Sources that fit the page: motion capture, and the first estimate."""
+
+
+def picture(found: dict[str, Lag]) -> list[Shape]:
+    return list(shapes(dict(list(found.items())[:SHOWN])))
+
+
+def shapes(found: dict[str, Lag]) -> Iterator[Shape]:
+    said = "; ".join(
+        f"{name} {each.behind_motion_us / 1000:+.2f} ± {each.sigma_us / 1000:.2f} ms" for name, each in found.items()
+    )
+    yield Words(LEFT, 28, f"behind the motion: {said}", 16, bold=True)
+    first = next(iter(found.values()))
+    turning = np.sqrt((first.turning_dps**2).sum(axis=1))
+    yield from panel(0, "turning, deg/s, less the mean of each second", across(first.at_us), turning, GREEN)
+    for place, (name, each) in enumerate(found.items(), 1):
+        left = np.sqrt((each.left_deg**2).sum(axis=1))
+        limits = 0.0, float(np.quantile(left, 0.999))
+        yield from panel(place, f"{name}: what is left, deg", across(each.at_us), left, BLUE, limits)
+        bottom = TOP + (place + 1) * (PANEL + SPACE) - SPACE
+        yield from axis(float(each.at_us.min()), float(each.at_us.max()), bottom, 0.0, 1e-6, "s of the log")
