@@ -186,8 +186,8 @@ int kernel_set_storage(kernel_t *self, int robot, storage_function_t function, v
 
 /// Runs until true time `until_ns` (KERNEL_UNTIL), or until `robot`'s host can read at least `bytes`
 /// (KERNEL_BYTES; robot -1: no such stop). KERNEL_ERR_TIME if until_ns is in the past. Robots run one after
-/// the other, through windows of 20 ms; but with TRACE_FULL all by turns, in the order of their events. When
-/// an image fails, the others may have gone on to the end of the window.
+/// the other; but with TRACE_FULL all by turns, in the order of their events. When an image fails, the others
+/// may be further on, up to until_ns.
 int kernel_run(kernel_t *self, int64_t until_ns, int robot, size_t bytes);
 
 int64_t kernel_now_ns(const kernel_t *self);

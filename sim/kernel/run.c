@@ -1,9 +1,5 @@
 #include "world.h"
 
-/// How far one robot runs on before it is the next one's turn: what it needs of the host's caches is loaded
-/// once for each window, and not for each byte.
-static const int64_t WINDOW_NS = 20000000;
-
 static void handle(robot_t *r, uint32_t source) {
     if (source < SOURCE_LINE) {
         node_timer(r, (mcu_t)source);
@@ -76,8 +72,9 @@ static void run_robot(kernel_t *k, robot_t *r, int64_t until_ns, size_t bytes) {
     }
 }
 
-/// One robot after the other: the watched one first, which may end the window. Returns when it ends.
-static int64_t run_window(kernel_t *k, int64_t end_ns, robot_t *watched, size_t bytes) {
+/// One robot after the other, so that what it needs of the host's caches is loaded once, and not for each
+/// byte: the watched one first, which may end it for all. Returns when it ended.
+static int64_t run_one_by_one(kernel_t *k, int64_t end_ns, robot_t *watched, size_t bytes) {
     if (watched != NULL) {
         run_robot(k, watched, end_ns, bytes);
         end_ns = watched->host_in.fill >= bytes ? watched->now_ns : end_ns;
@@ -139,27 +136,18 @@ int kernel_run(kernel_t *k, int64_t until_ns, int robot, size_t bytes) {
         return KERNEL_ERR_TIME;
     }
     robot_t *watched = robot_of(k, robot);
-    for (bool ran = false;; ran = true) {
-        k->failed = k->failed == NULL ? failed(k) : k->failed;
-        if (k->failed != NULL) {
-            k->now_ns = k->failed->now_ns;
-            return KERNEL_ERR_IMAGE;
-        }
-        if (k->trace.failed) {
-            return KERNEL_ERR_MEMORY;
-        }
-        if (watched != NULL && watched->host_in.fill >= bytes) {
-            return KERNEL_BYTES;
-        }
-        if (ran && k->now_ns == until_ns) {
-            return KERNEL_UNTIL;
-        }
-        const int64_t end_ns = until_ns - k->now_ns < WINDOW_NS ? until_ns : k->now_ns + WINDOW_NS;
-        const int64_t came_ns = k->trace.mode == TRACE_FULL ? run_in_order(k, end_ns, watched, bytes)
-                                                            : run_window(k, end_ns, watched, bytes);
+    if (k->failed == NULL && !(watched != NULL && watched->host_in.fill >= bytes)) {
+        const int64_t came_ns = k->trace.mode == TRACE_FULL ? run_in_order(k, until_ns, watched, bytes)
+                                                            : run_one_by_one(k, until_ns, watched, bytes);
         keep_truth(k);
-        if (failed(k) == NULL) {
-            arrive(k, came_ns);
-        }
+        k->failed = failed(k);
+        arrive(k, k->failed == NULL ? came_ns : k->failed->now_ns);
     }
+    if (k->failed != NULL) {
+        return KERNEL_ERR_IMAGE;
+    }
+    if (k->trace.failed) {
+        return KERNEL_ERR_MEMORY;
+    }
+    return watched != NULL && watched->host_in.fill >= bytes ? KERNEL_BYTES : KERNEL_UNTIL;
 }

@@ -25,7 +25,7 @@ def test_links_without_a_warning_and_fits(target: str, toolchain: str) -> None:
     assert image.warnings == ""
     assert contents.target.name == target
     assert contents.compiler.startswith({"gcc": "GCC: ", "zig": "clang"}[toolchain])
-    assert contents.stack_bytes == 8192
+    assert contents.stack_bytes == (16384 if target == "gap8" else 8192)
     assert all(0 < use.bytes <= use.of_bytes for use in contents.uses)
     assert {"board_config", "board_init_result", "board_app", "_stack_top", "_stack_limit"} <= set(contents.symbols)
     placed = [memory for part in contents.sections for memory in TARGETS[target].memories if memory.holds(part.address)]
