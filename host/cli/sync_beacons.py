@@ -70,7 +70,10 @@ def against(label: str, log: Log) -> Against:
     beacons = collect(sequence, low + (high << 32), rows.stamp_us[mine].astype(np.int64))
     fit = against_host(beacons)
     if fit is None:
-        raise PeerError(f"{label}: {len(beacons)} beacons of one run of the host; at least {BEACONS_MIN} are needed")
+        raise PeerError(
+            f"{label}: {len(beacons)} beacons of one run of the host; at least {BEACONS_MIN} are needed (--variable goes"
+            " by broadcasts of motion capture)"
+        )
     return fit
 
 

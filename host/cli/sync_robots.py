@@ -68,18 +68,19 @@ def judge(arguments: argparse.Namespace, logs: Sequence[Log], draw: Draw | None)
         return beacons(labels, logs, arguments, draw)
     reset = arguments.reset or sync_resets.were_reset(logs)
     kind, names = named(logs, arguments.files, arguments.variable) if arguments.variable else shared(logs)
-    if not names and reset and draw:
-        raise LocalError("--plot: a reset alone leaves nothing to draw")
-    if not names and reset:
-        return sync_resets.compare(labels, logs, arguments.json)
-    if not names:
+    heard = [hear(label, log.rows[kind], names) for label, log in zip(labels, logs, strict=True) if names]
+    found = compare(heard)
+    pairs = [each for each in found if isinstance(each, Pair)]
+    if not pairs and not arguments.variable:
+        # Equal values at times that fit no line were nobody's broadcast: robots that did the same.
+        if reset and draw:
+            raise LocalError("--plot: a reset alone leaves nothing to draw")
+        if reset:
+            return sync_resets.compare(labels, logs, arguments.json)
         raise PeerError(
             "no variable has the same values in all logs: did the robots hear the same broadcasts, in one run, and log"
             " them (a pose of motion capture, or an object's that all are told)? Or did all of them log beacons?"
         )
-    heard = [hear(label, log.rows[kind], names) for label, log in zip(labels, logs, strict=True)]
-    found = compare(heard)
-    pairs = [each for each in found if isinstance(each, Pair)]
     periods = [period_of(each) for each in heard]
     if arguments.json:
         for record in records(heard, names, found, periods):

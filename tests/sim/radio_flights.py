@@ -19,10 +19,10 @@ class Flight:
     """So many seconds of three robots; then their clocks are read, they are told to close their logs, and these are in
     `folder`."""
 
-    def __init__(self, folder: Path, seconds: float, **keys: Any) -> None:
+    def __init__(self, folder: Path, seconds: float, rows: bytes = b"", **keys: Any) -> None:
         self.world = World("swarm", **{"robots": 3, "stm32_ppm": PPM, "camera_fps": 0, **keys})
         self.heard = self.world.radio.heard_resets
-        text = ROWS + (b"on:beacon\n" if keys.get("beacon_hz") else b"")
+        text = ROWS + rows + (b"on:beacon\n" if keys.get("beacon_hz") else b"")
         stores = [Store(text) for _ in self.world.robots]
         for robot, store in zip(self.world.robots, stores, strict=True):
             robot.set_storage(store)

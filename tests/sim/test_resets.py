@@ -74,6 +74,16 @@ def test_with_beacons_one_that_missed_it_keeps_its_place(tmp_path: Path, capsys:
     assert "deaf has missed a reset" in records[-1]["not_told"]
 
 
+def test_robots_that_did_the_same_heard_nothing_in_common(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Simulated robots sway alike: equal values, at times that fit no line."""
+    paths = Flight(tmp_path, 13.0, rows=b"stateEstimate.x\n", **RESET).paths
+    assert [each["by"] for each in said(capsys, *paths)] == ["reset"] * 3
+    (tmp_path / "other").mkdir()
+    paths = Flight(tmp_path / "other", 13.0, rows=b"stateEstimate.x\n").paths
+    assert main(["sync", "robots", *paths]) == 4
+    assert "no variable has the same values" in capsys.readouterr().err
+
+
 def test_logs_that_begin_after_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As the paper did: reset, then log. Nothing in them says that there was one."""
     for name, late_s in (("a", 0.0), ("b", 0.2), ("c", 30.0)):
