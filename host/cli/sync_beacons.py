@@ -71,8 +71,8 @@ def against(label: str, log: Log) -> Against:
     fit = against_host(beacons)
     if fit is None:
         raise PeerError(
-            f"{label}: {len(beacons)} beacons of one run of the host; at least {BEACONS_MIN} are needed (--variable goes"
-            " by broadcasts of motion capture)"
+            f"{label}: {len(beacons)} beacons of one run of the host; at least {BEACONS_MIN} are needed"
+            " (--variable goes by broadcasts of motion capture)"
         )
     return fit
 

@@ -8,6 +8,8 @@ import pytest
 from radio_flights import ROWS, SHUTDOWN, Flight, Store
 
 from host.cli import main
+from host.cli.sync_robots import shared
+from host.usd.decode import decode
 from sim.world import World
 
 RESET = {"reset_s": 3, "stm32_boot_ms": [0.0, 350.0, 700.0]}
@@ -76,12 +78,12 @@ def test_with_beacons_one_that_missed_it_keeps_its_place(tmp_path: Path, capsys:
 
 def test_robots_that_did_the_same_heard_nothing_in_common(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Simulated robots sway alike: equal values, at times that fit no line."""
-    paths = Flight(tmp_path, 13.0, rows=b"stateEstimate.x\n", **RESET).paths
-    assert [each["by"] for each in said(capsys, *paths)] == ["reset"] * 3
-    (tmp_path / "other").mkdir()
-    paths = Flight(tmp_path / "other", 13.0, rows=b"stateEstimate.x\n").paths
+    alike = {"rows": b"stateEstimate.x\n", "robots": 2}
+    paths = Flight(tmp_path, 13.0, **alike).paths
+    assert shared([decode(Path(each).read_bytes()) for each in paths])[1] == ["stateEstimate.x"]
     assert main(["sync", "robots", *paths]) == 4
     assert "no variable has the same values" in capsys.readouterr().err
+    assert [each["by"] for each in said(capsys, *paths, "--reset")] == ["reset"]
 
 
 def test_logs_that_begin_after_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
