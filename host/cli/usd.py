@@ -41,12 +41,20 @@ Tables have the columns `epoch` (counts resets of the clock) and `verified`.
 examples:
   host usd decode log00 -o flight.csv
   host usd decode log00 -o flight.npz --verified-only
+  host usd decode broken00 --header-of log01 -o flight.csv
 """
 REPAIR_EXAMPLES = """\
 OUT is a valid log of version 2, which older readers take too. FILE is only read.
 
 examples:
   host usd repair log00 -o repaired00
+  host usd repair broken00 --header-of log01 -o repaired00
+"""
+HEADERLESS = """
+A log whose beginning is lost or overwritten has no header, and nothing says what its rows are. --header-of OTHER reads
+them as those of another log, which must be of the same config.txt and firmware: nothing in the rows tells whether it
+is. Rows behind the first status row that is left are verified by the CRCs of those that follow; without status rows
+none is.
 """
 
 
@@ -63,6 +71,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     check = add_verb(verbs, "check", run_check, "say what is wrong with a log", CHECK_EXAMPLES, more)
     for each in (info, check):
         each.add_argument("files", metavar="FILE", nargs="+", help="a log")
+    more += HEADERLESS
     decode = add_verb(verbs, "decode", run_decode, "turn a log into tables", DECODE_EXAMPLES, more)
     repair = add_verb(
         verbs, "repair", run_repair, "write a valid log of all that is left of one", REPAIR_EXAMPLES, more
@@ -70,6 +79,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     for each in (decode, repair):
         each.add_argument("file", metavar="FILE", help="a log")
         each.add_argument("-o", "--output", metavar="OUT", required=True, help="the new file")
+        each.add_argument("--header-of", metavar="OTHER", help="FILE has no header: take that of this log")
         each.add_argument("--force", action="store_true", help="overwrite what is there")
     decode.add_argument("--verified-only", action="store_true", help="leave out rows that no good CRC covers")
     usd_config.add_parser(verbs)
@@ -126,9 +136,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
     from . import usd_tables
     from .as_json import line
 
-    log, _ = load(arguments.file, examined=False)
-    if not log.row_count:
-        raise_nothing(arguments.file, log)
+    _, _, log = read_rows(arguments)
     written = usd_tables.write(log, arguments.output, arguments.verified_only, arguments.force)
     if arguments.json:
         print(line({"event": "decoded", "file": arguments.file, "written": written, **counts(log)}))
@@ -144,19 +152,15 @@ def run_repair(arguments: argparse.Namespace) -> int:
     """Writes the new log; 4 if nothing of the file can be read."""
     from pathlib import Path
 
-    from ..usd.decode import decode
-    from ..usd.files import read_log, split
+    from ..usd.files import split
     from ..usd.repair import repair
     from .as_json import line
     from .usd_tables import new_file
 
-    source = read_log(arguments.file)
-    log = decode(source)
-    if not log.row_count:
-        raise_nothing(arguments.file, log)
+    source, header_of, log = read_rows(arguments)
     if Path(arguments.output).exists() and Path(arguments.output).samefile(split(arguments.file)[0]):
         raise LocalError(f"{arguments.output}: this is FILE itself, which is only read: name another file with -o")
-    made = repair(source, log)
+    made = repair(source, log, header_of)
     with new_file(arguments.output, arguments.force) as out:
         out.write(made)
     if arguments.json:
@@ -178,6 +182,31 @@ def load(name: str, examined: bool = True) -> tuple[Any, Any]:
 
     log = decode(read_log(name))
     return log, examine(log) if examined else None
+
+
+def read_rows(arguments: argparse.Namespace) -> tuple[Any, Any, Any]:
+    """The bytes of FILE and of the log whose header it is read with, and its rows; PeerError if there are none."""
+    from ..protocol.errors import PeerError
+    from ..usd.decode import decode
+    from ..usd.files import read_log
+
+    name, other = arguments.file, arguments.header_of
+    source = read_log(name)
+    log = decode(source)
+    if other is None:
+        if log.row_count:
+            return source, None, log
+        raise_nothing(name, log)
+    if log.is_whole or any(each.begin == 0 for each in log.verified):
+        raise LocalError(f"{name} has a header, and its CRC is good: leave out --header-of")
+    header_of = read_log(other)
+    try:
+        log = decode(source, header_of)
+    except LocalError as error:
+        raise LocalError(f"{other}: {error}") from None
+    if not log.row_count:
+        raise PeerError(f"{name}: no rows: nothing in it looks like rows of {other}: was the config.txt another one?")
+    return source, header_of, log
 
 
 def warn_of_card(name: str) -> None:
@@ -205,4 +234,6 @@ def warn(name: str, log: Any) -> None:
 def raise_nothing(name: str, log: Any) -> None:
     from ..protocol.errors import PeerError
 
-    raise PeerError(f"{name}: no rows: {log.damages[0].why if log.damages else 'the log is empty'}")
+    why = log.damages[0].why if log.damages else "the log is empty"
+    way_out = " ('host usd repair --header-of OTHER' takes the header of a log of the same config.txt)"
+    raise PeerError(f"{name}: no rows: {why}{way_out * (log.version is None and log.size > 0)}")

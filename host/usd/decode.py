@@ -6,7 +6,8 @@ from dataclasses import replace
 from mmap import mmap
 
 from .blocks import decode_blocks
-from .header import HeaderError, read_header
+from .header import Header, HeaderError, read_header
+from .headerless import borrowed
 from .log import ByteRange, Damage, Log
 from .pieces import Piece, epochs_of, rows_of, take
 from .recover import Recovered, merged, recover
@@ -15,9 +16,12 @@ from .rows import CRC_BYTES, RowReader, Walk, filling
 Buffer = bytes | bytearray | memoryview | mmap
 
 
-def decode(source: Buffer) -> Log:
-    """Everything that can be trusted in the bytes of a file (or of an mmap of it), which are not kept."""
+def decode(source: Buffer, header_of: Buffer | None = None) -> Log:
+    """Everything that can be trusted in the bytes of a file (or of an mmap of it), which are not kept. `header_of`: of
+    a log of the same configuration; the rows are read as its rows, whatever the file begins with."""
     data = memoryview(source).cast("B")
+    if header_of is not None:
+        return decode_rows(data, borrowed(data, memoryview(header_of).cast("B")))
     if len(data) and data[0] == 0:
         return nothing(data, 0, filling(data) or "not a log: it begins with 0x00")
     if log := decode_blocks(data):
@@ -26,6 +30,10 @@ def decode(source: Buffer) -> Log:
         header = read_header(data)
     except HeaderError as error:
         return nothing(data, error.at, error.why)
+    return decode_rows(data, header)
+
+
+def decode_rows(data: memoryview, header: Header) -> Log:
     reader = RowReader(data, header)
     taken = take(reader)
     found = whole(reader, taken.walk) or recover(reader)
@@ -34,7 +42,7 @@ def decode(source: Buffer) -> Log:
     return Log(
         size=len(data),
         version=2 if header.version == 2 else 1,
-        header_bytes=header.size,
+        header_bytes=0 if header.borrowed else header.size,
         types=header.types,
         rows=rows_of(reader, found.pieces, taken),
         parts=tuple(ByteRange(piece.walk.begin, piece.walk.end) for piece in found.pieces),

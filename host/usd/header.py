@@ -57,6 +57,8 @@ class Header:
     """Which of the types is that of status rows."""
     repaired: int | None
     """And that of repair()'s notes."""
+    borrowed: bool = False
+    """It is another log's."""
 
     @property
     def unit_us(self) -> int:

@@ -14,6 +14,7 @@ from typing import Literal
 
 from ..native import lib
 from .header import BACK_US
+from .headerless import WHY
 from .log import ByteRange, Damage
 from .pieces import Piece
 from .rows import CRC_BYTES, RowReader, Walk, filling
@@ -50,10 +51,12 @@ def recover(reader: RowReader) -> Recovered:
         damages = tail(reader.data, closed_at + CRC_BYTES)
     statuses = read_statuses(reader, runs)
     header_good = closed_at is not None or bool(statuses and statuses[0].good and statuses[0].begin == 0)
-    session = own_session(statuses)
+    session = own_session(statuses, reader.header.borrowed)
     verified = [ByteRange(each.begin, each.end) for each in statuses if each.good and each.session == session]
     if closed_at is not None:
         verified = [ByteRange(0, closed_at)]
+    elif reader.header.borrowed:
+        damages.insert(0, Damage(0, reader.header.size, WHY))
     elif not header_good:
         if statuses:
             damages.insert(0, header_doubt(statuses[0], reader.header))
@@ -181,7 +184,9 @@ def closed(
     """The file's own CRC may lie where the rows end for the first time, with something else behind it."""
     data = reader.data
     end = leading[-1].walk.end if leading else reader.header.size
-    if end + CRC_BYTES <= len(data) and reader.crc32(0, end) == int.from_bytes(data[end : end + CRC_BYTES], "little"):
+    if reader.header.borrowed:
+        pass  # Nothing of the beginning, which it covers, can be as it was.
+    elif end + CRC_BYTES <= len(data) and reader.crc32(0, end) == int.from_bytes(data[end : end + CRC_BYTES], "little"):
         return "good", end
     last = runs[-1].walk.end if runs else reader.header.size
     return ("bad" if last + CRC_BYTES == len(data) else "absent"), None

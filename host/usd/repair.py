@@ -39,8 +39,8 @@ class Stretch:
     """Where status rows end in `data`."""
 
 
-def repair(source: Buffer, log: Log) -> bytes:
-    """The new file. `log` is what decode() has made of `source`. LocalError when there is nothing to keep."""
+def repair(source: Buffer, log: Log, header_of: Buffer | None = None) -> bytes:
+    """The new file. `log` is what decode() has made of the others. LocalError when there is nothing to keep."""
     if not log.row_count:
         raise LocalError(f"nothing can be recovered: {log.damages[0].why if log.damages else 'it has no rows'}")
     # Notes of an earlier repair have had their effect.
@@ -48,7 +48,8 @@ def repair(source: Buffer, log: Log) -> bytes:
     number = next(free for free in range(0xFFFE, 0, -1) if all(each.id != free for each in types))
     note = EventType(number, REPAIRED_EVENT, tuple(Variable(name, "I") for name in REPAIRED_VARIABLES), np.dtype([]))
     out = bytearray(encode_header([*types, note]))
-    stretches = list(copied(memoryview(source).cast("B"), log) if log.version == 2 else converted(log))
+    header = memoryview(source if header_of is None else header_of).cast("B")
+    stretches = list(copied(memoryview(source).cast("B"), header, log) if log.version == 2 else converted(log))
     lost = min(sum(damage.size for damage in log.damages), U32_MAX)
     covered = rows = 0
     for place, each in enumerate(stretches):
@@ -75,9 +76,9 @@ def encode_header(types: list[EventType]) -> bytes:
     return out
 
 
-def copied(data: memoryview, log: Log) -> Iterator[Stretch]:
+def copied(data: memoryview, header: memoryview, log: Log) -> Iterator[Stretch]:
     """Rows as they lie in the file."""
-    reader = RowReader(data, read_header(data))
+    reader = RowReader(data, read_header(header))
     for part in log.parts:
         walk = reader.walk(part.begin, part.end, None, strict=False)
         verified = any(each.begin <= part.begin and part.end <= each.end for each in log.verified)

@@ -59,12 +59,14 @@ def sessions(reader: RowReader, runs: list[Run]) -> set[int]:
     return {each for run in runs for each in reader.status_fields(run.walk.statuses, ("session",))[0]}
 
 
-def own_session(statuses: list[Status]) -> int | None:
-    """The first row of a log is a status row. If that one is damaged: what most of the good ones say."""
+def own_session(statuses: list[Status], headerless: bool) -> int | None:
+    """The first row of a log is a status row. If that one is damaged: what most of the good ones say. If the beginning
+    is lost: what the first good one says, for stale data lie behind a log's own."""
     if not statuses:
         return None
-    if statuses[0].good:
-        return statuses[0].session
+    first = next((each for each in statuses if each.good), statuses[0]) if headerless else statuses[0]
+    if first.good:
+        return first.session
     good = Counter(each.session for each in statuses if each.good) or Counter(each.session for each in statuses)
     return good.most_common(1)[0][0]
 
