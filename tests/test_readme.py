@@ -175,11 +175,22 @@ def test_times_afterwards(tmp_path: Path) -> None:
     record = ["--port", "sim://hover?pace=max", "--count", "20", "--record", "flight1.mcap", "--json"]
     assert host("stream", *record, cwd=tmp_path).returncode == 0
     commands = re.findall(r"^\.venv/bin/host (sync stamps .*)$", README, re.MULTILINE)
-    assert len(commands) == 2
+    assert len(commands) == 3
     for command in commands:
         result = host(*shlex.split(command, comments=True), cwd=tmp_path)
         assert result.returncode == 0, result.stderr
         assert "stamped" in result.stdout
+
+
+def test_robots_that_heard_beacons(tmp_path: Path) -> None:
+    """The line that makes the logs, as it is, and the one that compares them."""
+    pytest.importorskip("fatfs", reason="fatfs-ng is not installed: pip install 'spindeck[card]'")
+    (fly,) = re.findall(r"^\.venv/bin/host (stream .*beacon_hz.*)$", README, re.MULTILINE)
+    assert host(*shlex.split(fly, comments=True), cwd=tmp_path).returncode == 0
+    (compare,) = re.findall(r"^\.venv/bin/host (sync robots card.*)$", README, re.MULTILINE)
+    result = host(*shlex.split(compare, comments=True), cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "card.2.img:/log00 against card.1.img:/log00" in result.stdout
 
 
 def test_the_two_commands_exist() -> None:
