@@ -10,6 +10,19 @@ enum {
     QUEUED_US = 3000,     ///< a message this close behind another waited for it
 };
 
+uint32_t clock_root(uint64_t square) {
+    uint64_t result = 0;
+    for (uint64_t bit = (uint64_t)1 << 62; bit != 0; bit >>= 2) {
+        if (square >= result + bit) {
+            square -= result + bit;
+            result = (result >> 1) + bit;
+        } else {
+            result >>= 1;
+        }
+    }
+    return (uint32_t)result;
+}
+
 void clock_track_init(clock_track_t *self, const clock_known_t *known) {
     memset(self, 0, sizeof *self);
     self->known = *known;

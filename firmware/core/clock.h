@@ -30,7 +30,7 @@ enum {
 typedef struct {
     uint32_t tick_ns;    ///< step of the GAP8's stamp clock; 0: 1000
     uint32_t delay_ns;   ///< known delay of every message: that of its bits on the wire
-    uint32_t latency_us; ///< 99 % of frames have been read by then after their end
+    uint32_t latency_us; ///< after the end of a frame, until its reading: 99 % of frames have less
 } clock_known_t;
 
 typedef struct {
@@ -98,9 +98,11 @@ typedef struct {
     uint8_t held_fill;
     uint32_t dropped;            ///< messages that were not taken
     uint32_t leaps;              ///< of the STM32's clock that no message announced
-    uint32_t frames_gap8_us[64]; ///< ring, for ticks of more than 1 us
+    uint32_t frames_gap8_us[64]; ///< readings at the ends of the newest frames, ring,
+    uint32_t frames_number[64];  ///< and the frames' numbers, those counted that did not come
     uint8_t frames_head;
     uint8_t frames_fill;
+    uint8_t frames_off; ///< frames in a row that are not on the line of these
 } clock_track_t;
 
 typedef struct {
@@ -108,7 +110,7 @@ typedef struct {
     uint8_t epoch;
     uint64_t stm32_us;
     uint32_t bound_us;   ///< either side, 99 %
-    uint32_t latency_us; ///< of the frame's reading, in bound_us
+    uint32_t latency_us; ///< in bound_us: how well it is known how late the frame's end was read
     uint32_t age_us;     ///< since the last message that was taken
     uint32_t window_us;
     uint32_t window_count; ///< messages in it
@@ -121,7 +123,8 @@ void clock_track_init(clock_track_t *self, const clock_known_t *known);
 /// A message that has passed its check; `gap8_us` when its last bit had come.
 void clock_track_take(clock_track_t *self, uint64_t stm32_us, uint64_t gap8_us, uint8_t epoch);
 
-/// The time of a frame that has ended now, at `gap8_us`. Frames are given in their order.
-void clock_track_stamp(clock_track_t *self, uint64_t gap8_us, clock_time_t *time);
+/// The time of a frame that has ended; its end was read at `gap8_us`. Frames are given in their order.
+/// `regular`: it began when it was due, at one rate with those before it.
+void clock_track_stamp(clock_track_t *self, uint64_t gap8_us, bool regular, clock_time_t *time);
 
 #endif

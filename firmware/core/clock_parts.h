@@ -1,6 +1,6 @@
 /// The parts of the clock tracker, private to it: clock.c has the epochs and the gate that messages pass,
 /// clock_blocks.c keeps the earliest of them, clock_window.c makes the line of the blocks and says how good
-/// it is, clock_stamp.c says the time of a frame.
+/// it is, clock_frames.c finds out how late a frame's end was read, clock_stamp.c says the time of a frame.
 #ifndef SPINDECK_CORE_CLOCK_PARTS_H
 #define SPINDECK_CORE_CLOCK_PARTS_H
 
@@ -36,6 +36,9 @@ static inline uint32_t hidden_q8(const clock_track_t *self) {
     return self->known.tick_ns > FINE_NS ? tick_q8(self) : 0;
 }
 
+// clock.c
+uint32_t clock_root(uint64_t square);
+
 // clock_blocks.c. Times are after the anchor.
 /// None, and an open one from the anchor on.
 void clock_track_blocks_begin(clock_track_t *self);
@@ -49,5 +52,14 @@ void clock_track_blocks_drop(clock_track_t *self, uint8_t count);
 // clock_window.c
 /// The line of the blocks as they are now. Blocks that the newest contradict for long enough are given up.
 void clock_track_window_renew(clock_track_t *self);
+
+// clock_frames.c
+typedef struct {
+    int32_t shift_q8;   ///< from the reading to the end of the frame
+    uint32_t spread_q8; ///< by how much that may be wrong, but for the tick
+} clock_reading_t;
+
+/// The end of a frame was read at `gap8_us`.
+clock_reading_t clock_track_frame(clock_track_t *self, uint64_t gap8_us, bool regular);
 
 #endif

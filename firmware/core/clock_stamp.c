@@ -11,42 +11,6 @@ enum {
     SLOW_Q31 = -25264513, ///< skew of an STM32 clock that counts 84 where 85 have passed: -2^31 / 85
 };
 
-/// Between the ticks: frames come at one rate, and the least squares line through their readings is finer
-/// than a tick. In us * 256 after gap8_us.
-static uint32_t between_ticks(clock_track_t *self, uint64_t gap8_us) {
-    const uint32_t whole_q8 = tick_q8(self);
-    const uint32_t now_us = (uint32_t)gap8_us;
-    const int64_t tick_us = whole_q8 / Q8 + 1;
-    if (self->frames_fill > 1) {
-        const uint32_t last_us = self->frames_gap8_us[self->frames_head];
-        const uint32_t before_us =
-            self->frames_gap8_us[(self->frames_head + CLOCK_FRAMES - 1) % CLOCK_FRAMES];
-        const int64_t change_us = (int64_t)(int32_t)(now_us - last_us) - (int32_t)(last_us - before_us);
-        if (change_us > 2 * tick_us || change_us < -2 * tick_us) {
-            self->frames_fill = 0;
-        }
-    }
-    self->frames_head = (uint8_t)((self->frames_head + 1) % CLOCK_FRAMES);
-    self->frames_gap8_us[self->frames_head] = now_us;
-    self->frames_fill = (uint8_t)(self->frames_fill < CLOCK_FRAMES ? self->frames_fill + 1 : CLOCK_FRAMES);
-    const int64_t count = self->frames_fill;
-    int64_t sum = 0;
-    int64_t moment = 0;
-    for (uint8_t i = 0; i < self->frames_fill; i++) {
-        const int64_t each =
-            (int32_t)(self->frames_gap8_us[(self->frames_head + CLOCK_FRAMES - i) % CLOCK_FRAMES] - now_us);
-        sum += each;
-        moment += each * i;
-    }
-    if (count < 3) {
-        return whole_q8 / 2;
-    }
-    // At i = 0 of y = a + b i over i = 0..count-1: a = 2 ((2 n - 1) sum - 3 moment) / (n (n + 1)).
-    const int64_t end_q8 = 2 * ((2 * count - 1) * sum - 3 * moment) * Q8 / (count * (count + 1));
-    const int64_t here_q8 = end_q8 + whole_q8 / 2;
-    return here_q8 < 0 ? 0 : at_most((uint64_t)here_q8, whole_q8);
-}
-
 /// By how much the line may be wrong, by what does not agree with it.
 static uint32_t doubt_us(const clock_track_t *self) {
     const uint32_t each[] = {self->doubt_recent_us, self->doubt_blocks_us, self->doubt_windows_us,
@@ -80,13 +44,12 @@ static uint16_t state_flags(const clock_track_t *self, uint64_t gap8_us, uint32_
 
 /// Of the estimate, either side. A line beyond its end is less sure of its offset in proportion, a clock that
 /// wanders by the square.
-static uint64_t bound_us(const clock_track_t *self, uint64_t gap8_us) {
+static uint64_t bound_us(const clock_track_t *self, uint64_t gap8_us, uint32_t spread_q8) {
     const uint64_t reach_q8 = Q8 + (uint64_t)reach_us(self, gap8_us) * 2 * Q8 / (self->window_us + 1);
     const uint64_t wander_q8 = self->wander_q8 * reach_q8 / Q8 * reach_q8 / Q8;
     const uint32_t ticks = self->known.tick_ns > COARSE_NS ? 2 : 1;
     const uint32_t ticks_q8 = ticks * tick_q8(self);
-    return (self->noise_q8 * reach_q8 / Q8 + wander_q8 + ticks_q8) / Q8 + 1 + doubt_us(self) +
-           self->known.latency_us;
+    return (self->noise_q8 * reach_q8 / Q8 + wander_q8 + ticks_q8 + spread_q8) / Q8 + 1 + doubt_us(self);
 }
 
 /// The known delay in GAP8 time. It is the STM32's crystal that sets it, and of the two clocks' skew only
@@ -99,10 +62,10 @@ static int64_t delay_q8(const clock_track_t *self) {
     return whole_q8 - whole_q8 * skew / ((int64_t)1 << 31);
 }
 
-void clock_track_stamp(clock_track_t *self, uint64_t gap8_us, clock_time_t *time) {
+void clock_track_stamp(clock_track_t *self, uint64_t gap8_us, bool regular, clock_time_t *time) {
     memset(time, 0, sizeof *time);
     const bool coarse = self->known.tick_ns > FINE_NS;
-    const int64_t shift_q8 = coarse ? (int64_t)between_ticks(self, gap8_us) : Q8 / 2;
+    const clock_reading_t reading = clock_track_frame(self, gap8_us, regular);
     time->flags = FRAME_REFUSED | FRAME_COLD;
     time->age_us = UINT32_MAX;
     time->bound_us = UINT32_MAX;
@@ -119,7 +82,7 @@ void clock_track_stamp(clock_track_t *self, uint64_t gap8_us, clock_time_t *time
         time->flags |= FRAME_REFUSED;
         return;
     }
-    const uint64_t bound = bound_us(self, gap8_us);
+    const uint64_t bound = bound_us(self, gap8_us, reading.spread_q8);
     if (bound > CLOCK_BOUND_MAX_US) {
         time->flags |= FRAME_REFUSED;
         return;
@@ -130,12 +93,13 @@ void clock_track_stamp(clock_track_t *self, uint64_t gap8_us, clock_time_t *time
     const int32_t line_us = after_us + (int32_t)(after_q8 / Q8);
     // Both readings of a message are rounded down, and the earliest of many shows it.
     const int64_t rounded_q8 = coarse ? (int64_t)tick_q8(self) - Q8 / 2 : Q8 / 4;
-    const int64_t ahead_q8 = line_at(&self->line, line_us) + after_q8 + shift_q8 - rounded_q8 + Q8 / 2;
+    const int64_t ahead_q8 =
+        line_at(&self->line, line_us) + after_q8 + reading.shift_q8 - rounded_q8 + Q8 / 2;
     const int64_t floor_us = ahead_q8 >= 0 ? ahead_q8 / Q8 : -((Q8 - 1 - ahead_q8) / Q8);
     const uint64_t stm32_us = self->anchor_stm32_us + (uint64_t)((int64_t)after_us + floor_us);
     // A clock of few bits wraps: the reading that is nearest to a message's.
     time->stm32_us = self->used_stm32_us + (uint64_t)(int64_t)passed(self->used_stm32_us, stm32_us);
-    time->latency_us = self->known.latency_us;
+    time->latency_us = reading.spread_q8 / Q8;
     time->flags |= FRAME_HAS_ESTIMATE | FRAME_HAS_BOUND;
     time->window_us = self->window_us;
     time->window_count = self->window_count;

@@ -18,19 +18,6 @@ typedef struct {
     uint32_t span_us;
 } fit_t;
 
-static uint32_t root(uint64_t square) {
-    uint64_t result = 0;
-    for (uint64_t bit = (uint64_t)1 << 62; bit != 0; bit >>= 2) {
-        if (square >= result + bit) {
-            square -= result + bit;
-            result = (result >> 1) + bit;
-        } else {
-            result >>= 1;
-        }
-    }
-    return (uint32_t)result;
-}
-
 static uint64_t squared(uint64_t value) {
     return value * value;
 }
@@ -46,7 +33,7 @@ static uint32_t tick_error(const clock_track_t *self, uint32_t count) {
     if (self->known.tick_ns <= FINE_NS) {
         return 0;
     }
-    return root((uint64_t)tick_q8(self) * self->mean_q8 / count);
+    return clock_root((uint64_t)tick_q8(self) * self->mean_q8 / count);
 }
 
 static uint32_t per_message(const clock_track_t *self, uint32_t count, uint32_t times) {
@@ -65,7 +52,7 @@ static uint32_t low_by(const clock_track_t *self, uint32_t count, uint32_t point
 /// message.
 static fit_t fit(const clock_track_t *self, uint8_t blocks) {
     const clock_block_t *from = self->blocks + self->blocks_fill - blocks;
-    uint8_t hull[CLOCK_BLOCKS];
+    uint8_t hull[CLOCK_BLOCKS] = {0};
     uint8_t fill = 0;
     int64_t moment = 0;
     fit_t result = {.span_us = (uint32_t)-from[0].gap8_us};
@@ -167,7 +154,7 @@ static void choose(clock_track_t *self) {
     self->window_us = fits[best].span_us;
     self->window_count = fits[best].count;
     self->noise_q8 = per_message(self, fits[best].count, 10);
-    self->wander_q8 = root(wander) * 5 / 4;
+    self->wander_q8 = clock_root(wander) * 5 / 4;
     self->doubt_windows_us = 0;
     for (uint8_t i = 0; i < best; i++) {
         const int64_t apart_q8 = fits[i].line.ahead_q8 - fits[best].line.ahead_q8;

@@ -104,7 +104,7 @@ typedef struct {
     uint32_t window_stamps;   ///< and so many; 0: nothing is said, here and below
     uint32_t delay_us;        ///< their mean delay above the smallest
     int32_t skew_ppb;         ///< of the STM32's stamp clock against the GAP8's
-    uint32_t latency_us; ///< in bound_us: the GAP8's clock may have been read so late at the end of frame
+    uint32_t latency_us;      ///< part of bound_us: how late the end of frame was read is known so well
 } native_frame_t;
 
 typedef struct {

@@ -1,5 +1,7 @@
 #include "parts.h"
 
+enum { CAPTURE_LATE_US = 20 }; ///< after it was due: later is not regular
+
 void gap8_captures_set(gap8_t *self, const native_camera_t *camera, uint64_t now_us) {
     self->camera_next = *camera;
     self->capture_waits = false;
@@ -53,6 +55,8 @@ static bool begin_burst(gap8_t *self, uint64_t now_us) {
     const uint32_t period_us = self->camera_next.frame_period_us;
     const uint64_t periods = period_us == 0 ? 0 : (now_us - self->capture_next_us) / period_us + 1;
     const bool fits = burst_fits(self);
+    const uint64_t late_us = now_us - self->capture_next_us;
+    self->capture_regular = period_us > 0 && self->camera_next.burst == 1 && late_us <= CAPTURE_LATE_US;
     self->capture_next_us += periods * period_us;
     if (fits) {
         self->camera = self->camera_next;

@@ -97,7 +97,7 @@ static uint32_t stamp_age_us(const gap8_t *self, uint64_t gap8_us) {
 /// What the clock tracker says.
 static void set_native(gap8_t *self, uint64_t frame_gap8_us, native_frame_t *header) {
     clock_time_t time;
-    clock_track_stamp(&self->clock, frame_gap8_us, &time);
+    clock_track_stamp(&self->clock, frame_gap8_us, self->capture_regular, &time);
     header->flags = time.flags;
     header->frame_gap8_us = frame_gap8_us;
     header->frame_stm32_us = time.stm32_us;

@@ -35,7 +35,7 @@ class NativeClock:
     skew_ppb: int
     """How much faster the STM32's stamp clock is than the GAP8's."""
     latency_us: int
-    """Part of bound_us: by how much the GAP8's clock may have been read late at the end of frame."""
+    """Part of bound_us: how late the GAP8's clock was read at the end of frame is known so well."""
 
     @property
     def drift_ppm(self) -> float:

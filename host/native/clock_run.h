@@ -10,7 +10,7 @@ typedef struct {
     uint64_t stm32_us; ///< not used for a frame
     uint64_t gap8_us;
     uint8_t epoch;
-    uint8_t frame; ///< 0: a message
+    uint8_t frame; ///< 0: a message; 1: a frame; 2: one that is not regular
 } clock_event_t;
 
 /// Goes on with `track`; `times` takes one of each frame. Returns the number of frames.

@@ -56,7 +56,7 @@ class Run:
     come_us: Floats
     """... when it came ..."""
     frame_us: Floats
-    """... and when each frame ended."""
+    """... and when each frame's end was read."""
 
     @property
     def frame_after(self) -> Ints:
@@ -82,6 +82,8 @@ class Link:
     fps: float = 30.0
     rate_step_ppm: float = 0.0
     """In the middle of the run."""
+    latency_us: float = 0.0
+    """Mean of what passes from the end of a frame to its reading."""
     delay_us: Callable[[Floats], Floats] | None = None
     """Added to each message's, by its T in s: not random."""
 
@@ -112,14 +114,15 @@ def run(link: Link, seed: int) -> Run:
     here = ~lost(len(sent_us), link, random)
     frames_us = np.arange(50_000.0, link.seconds * 1e6 - 50_000, 1e6 / link.fps) + random.uniform(0, 1e6 / link.fps)
     frames_us = frames_us[frames_us < link.seconds * 1e6 - 20_000]
+    read_us = frames_us + (random.exponential(link.latency_us, len(frames_us)) if link.latency_us else 0)
     return Run(
         stm32_us=ticked(start_stm32_us + sent_us, link.stm32_tick_us)[here],
         gap8_us=ticked(gap8_us(come_us), link.gap8_tick_us)[here],
-        frame_gap8_us=ticked(gap8_us(frames_us), link.gap8_tick_us),
+        frame_gap8_us=ticked(gap8_us(read_us), link.gap8_tick_us),
         frame_true_us=start_stm32_us + frames_us,
         sent_us=sent_us[here],
         come_us=come_us[here],
-        frame_us=frames_us,
+        frame_us=read_us,
     )
 
 

@@ -80,8 +80,11 @@ def tracked(
     stm32_plus: int = 0,
     gap8_plus: int = 0,
     bits: int = 64,
+    latency_us: int = 0,
+    regular: bool = True,
 ) -> Tracked:
-    """`stm32_plus`, `gap8_plus`: added to each reading, before it is cut to `bits`."""
+    """`stm32_plus`, `gap8_plus`: added to each reading, before it is cut to `bits`. `latency_us`: what the tracker is
+    told that 99 % of the frames' readings are not later by."""
     mask = np.uint64((1 << bits) - 1)
     count = len(run.stm32_us)
     events = np.zeros(count + len(run.frame_gap8_us), EVENT)
@@ -89,11 +92,12 @@ def tracked(
     events["gap8_us"] = (gap8_us + np.uint64(gap8_plus % WRAP)) & mask
     events["stm32_us"][:count] = (run.stm32_us.astype("u8") + np.uint64(stm32_plus % WRAP)) & mask
     events["epoch"][:count] = 0 if epochs is None else epochs
-    events["frame"][count:] = 1
+    events["frame"][count:] = 1 if regular else 2
     events = np.ascontiguousarray(events[in_order(run)])
     times = np.zeros(len(run.frame_gap8_us), TIME)
     track = ffi.new("clock_track_t *")
-    lib.clock_track_init(track, ffi.new("clock_known_t *", {"tick_ns": round(tick_us * 1000), "delay_ns": delay_ns}))
+    known = {"tick_ns": round(tick_us * 1000), "delay_ns": delay_ns, "latency_us": latency_us}
+    lib.clock_track_init(track, ffi.new("clock_known_t *", known))
     n = lib.clock_run(
         track,
         ffi.cast("clock_event_t *", ffi.from_buffer(events)),

@@ -25,7 +25,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         if (kind % 4U == 0) {
             const uint64_t step = take_step(&in);
             clock_time_t time;
-            clock_track_stamp(&track, gap8_us + ((kind & 4U) != 0 ? step : 0), &time);
+            clock_track_stamp(&track, gap8_us + ((kind & 4U) != 0 ? step : 0), (kind & 8U) == 0, &time);
             CLAIM(((time.flags & FRAME_REFUSED) != 0) != ((time.flags & FRAME_HAS_ESTIMATE) != 0));
             CLAIM(((time.flags & FRAME_HAS_BOUND) != 0) == ((time.flags & FRAME_HAS_ESTIMATE) != 0));
             CLAIM((time.flags & FRAME_HAS_BOUND) == 0 || time.bound_us <= CLOCK_BOUND_MAX_US);

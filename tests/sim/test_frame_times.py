@@ -184,5 +184,5 @@ def test_what_a_frame_says_of_its_clocks_is_so() -> None:
     assert last.clock.skew_ppb == pytest.approx(200_000, abs=5_000)
     assert last.clock.delay_us == pytest.approx(500, rel=0.3)
     assert last.clock.window_stamps == pytest.approx(last.clock.window_us / 10_000, rel=0.1)
-    assert last.clock.latency_us == 185
+    assert last.clock.latency_us < 30, "found out from the frames' rate"
     assert last.bound_us > last.clock.latency_us

@@ -17,7 +17,7 @@ LOSSES = [0, 0.2, 0.5]
 SECONDS = 10
 HEAD = """\
 Stamp error of the built-in robot: estimate less truth at end of frame, us, over {seconds} s of hover at seed 1.
-Rows: rate error of the GAP8 and loss on UART1. Of the error about 20 us are the end-of-frame interrupt's latency.
+Rows: rate error of the GAP8 and loss on UART1. The first frames are in it too.
 
    drift ppm   loss   frames    mean      sd     p95   |worst|   stamps: sent  missed   frames lost
 """

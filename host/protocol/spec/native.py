@@ -114,7 +114,7 @@ CLOCK_FIELDS = Struct(
     "window_stamps" / Int32ul * "and so many; 0: nothing is said, here and in the fields below",
     "delay_us" / Int32ul * "us, mean delay of the stamps above the smallest",
     "skew_ppb" / Int32sl * "1e-9, how much faster the STM32's stamp clock is than the GAP8's",
-    "latency_us" / Int32ul * "us, by which the GAP8's clock may have been read late at the end of frame",
+    "latency_us" / Int32ul * "us, part of bound_us: how late the end of frame was read is known so well",
 )
 CLOCK = Struct(
     "covered" / RawCopy(CLOCK_FIELDS),

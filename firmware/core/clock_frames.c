@@ -1,0 +1,133 @@
+#include "clock_parts.h"
+
+enum {
+    FRAMES_MIN = 8,   ///< for a line
+    STEPS_MAX = 1000, ///< frames that may be missing in a row
+    OFF_MAX = 3,
+    SLACK_US = 4,         ///< of rates that change
+    SPAN_US = 1000000000, ///< of a line: differences keep to 32 bits
+    Q16 = 65536,
+};
+
+/// r + p k, where the frame that came last is at k = 0, r in us * 256 after its reading.
+typedef struct {
+    int64_t last_q8;
+    int64_t period_q16;
+    uint32_t mean_q8; ///< how late readings are after it
+} frames_line_t;
+
+static uint8_t ring_place(const clock_track_t *self, uint8_t back) {
+    return (uint8_t)((self->frames_head + CLOCK_FRAMES - back) % CLOCK_FRAMES);
+}
+
+static int32_t reading(const clock_track_t *self, uint8_t back) {
+    return (int32_t)(self->frames_gap8_us[ring_place(self, back)] - self->frames_gap8_us[self->frames_head]);
+}
+
+static int32_t number(const clock_track_t *self, uint8_t back) {
+    return (int32_t)(self->frames_number[ring_place(self, back)] - self->frames_number[self->frames_head]);
+}
+
+/// b, between them, is not below the line from a back to c.
+static bool above(const clock_track_t *self, uint8_t a, uint8_t b, uint8_t c) {
+    const int64_t at = reading(self, a);
+    const int64_t from = number(self, a);
+    return (reading(self, b) - at) * (number(self, c) - from) <=
+           (reading(self, c) - at) * (number(self, b) - from);
+}
+
+/// Of two frames or more. A reading can only be late: the edge of the lower hull over the mean of the frames'
+/// numbers.
+static frames_line_t lower_line(const clock_track_t *self) {
+    uint8_t hull[CLOCK_FRAMES] = {0, 1}; // newest first
+    uint8_t fill = 2;
+    int64_t sum = number(self, 1);
+    for (uint8_t i = 2; i < self->frames_fill; i++) {
+        while (fill > 1 && above(self, hull[fill - 2], hull[fill - 1], i)) {
+            fill--;
+        }
+        hull[fill++] = i;
+        sum += number(self, i);
+    }
+    uint8_t edge = 1;
+    while (edge + 1 < fill && (int64_t)number(self, hull[edge]) * self->frames_fill > sum) {
+        edge++;
+    }
+    const uint8_t newer = hull[edge - 1];
+    const uint8_t older = hull[edge];
+    frames_line_t line = {.period_q16 = ((int64_t)reading(self, newer) - reading(self, older)) * Q16 /
+                                        (number(self, newer) - number(self, older))};
+    line.last_q8 = (int64_t)reading(self, newer) * Q8 - line.period_q16 * number(self, newer) / Q8;
+    int64_t late_q8 = 0;
+    for (uint8_t i = 0; i < self->frames_fill; i++) {
+        late_q8 += (int64_t)reading(self, i) * Q8 - line.last_q8 - line.period_q16 * number(self, i) / Q8;
+    }
+    line.mean_q8 = late_q8 < 0 ? 0 : at_most((uint64_t)late_q8 / self->frames_fill, (uint32_t)1 << 30);
+    return line;
+}
+
+/// How many periods after the last frame this one is; 0: it is not of their rate.
+static uint32_t steps(const clock_track_t *self, uint32_t gap8_us) {
+    const int64_t after_q8 = (int64_t)(int32_t)(gap8_us - self->frames_gap8_us[self->frames_head]) * Q8;
+    if (self->frames_fill == 1) {
+        return after_q8 > 0;
+    }
+    const frames_line_t line = lower_line(self);
+    const int64_t period_q8 = line.period_q16 / Q8;
+    if (after_q8 <= 0 || period_q8 <= 0) {
+        return 0;
+    }
+    const int64_t count = (after_q8 - line.last_q8 + period_q8 / 2) / period_q8;
+    const int64_t off_q8 = after_q8 - line.last_q8 - line.period_q16 * count / Q8;
+    const int64_t most_q8 = 2 * ((int64_t)self->known.latency_us * Q8 + tick_q8(self)) + SLACK_US * Q8;
+    const int64_t lines = self->frames_fill < FRAMES_MIN ? count + 1 : 1; // few say little about the period
+    const bool fits =
+        count > 0 && count <= STEPS_MAX && off_q8 <= most_q8 * lines && -off_q8 <= most_q8 * lines;
+    return fits ? (uint32_t)count : 0;
+}
+
+/// False: it is off the line. One may be, some in a row begin another one.
+static bool keep(clock_track_t *self, uint32_t gap8_us) {
+    const uint32_t count = self->frames_fill == 0 ? 0 : steps(self, gap8_us);
+    if (count == 0 && self->frames_fill >= FRAMES_MIN && self->frames_off + 1 < OFF_MAX) {
+        self->frames_off++;
+        return false;
+    }
+    self->frames_off = 0;
+    const uint32_t last = self->frames_number[self->frames_head];
+    self->frames_fill = count == 0 ? 0 : self->frames_fill;
+    self->frames_head = (uint8_t)((self->frames_head + 1) % CLOCK_FRAMES);
+    self->frames_gap8_us[self->frames_head] = gap8_us;
+    self->frames_number[self->frames_head] = last + count;
+    self->frames_fill = (uint8_t)(self->frames_fill < CLOCK_FRAMES ? self->frames_fill + 1 : CLOCK_FRAMES);
+    while (reading(self, (uint8_t)(self->frames_fill - 1)) < -SPAN_US) {
+        self->frames_fill--;
+    }
+    return self->frames_fill >= FRAMES_MIN;
+}
+
+clock_reading_t clock_track_frame(clock_track_t *self, uint64_t gap8_us, bool regular) {
+    const uint32_t tick = tick_q8(self);
+    const clock_reading_t alone = {(int32_t)(tick / 2), self->known.latency_us * Q8};
+    if (!regular) {
+        self->frames_fill = 0;
+        return alone;
+    }
+    if (!keep(self, (uint32_t)gap8_us)) {
+        return alone;
+    }
+    const frames_line_t line = lower_line(self);
+    const uint32_t count = self->frames_fill;
+    const uint32_t half = tick / 2;
+    // Where phases sweep over the tick, readings are half of it apart on average, and a whole one early at
+    // the edge. Where they do not, nobody knows, and half of it is the middle.
+    const uint32_t swept_q8 = line.mean_q8 * 5 / 4 < half ? line.mean_q8 * 5 / 4 : half;
+    const uint32_t late_q8 = line.mean_q8 * 4 / 5 > half ? line.mean_q8 - half : 0;
+    const uint32_t blurred_q8 = clock_root((uint64_t)tick * late_q8 / count) * 5 / 4;
+    const uint32_t sharp_q8 = swept_q8 / count;
+    const uint32_t edge_q8 = 2 * late_q8 / count + (blurred_q8 > sharp_q8 ? blurred_q8 : sharp_q8);
+    const int64_t shift_q8 = line.last_q8 + half + swept_q8 - edge_q8;
+    const uint32_t spread_q8 = late_q8 * 14 / count + 2 * blurred_q8;
+    return (clock_reading_t){(int32_t)(shift_q8 < tick ? shift_q8 : tick),
+                             spread_q8 < alone.spread_q8 ? spread_q8 : alone.spread_q8};
+}
