@@ -1,6 +1,7 @@
 """How much faster than real time robots run whose STM32 and GAP8 are emulated, and what an emulated MCU costs.
 
-One process, one thread. The reference is real time; beside each figure stands the native backend's, of the same run.
+One process; one thread for one robot, for several a thread for each core. The reference is real time; beside each
+figure stands the native backend's, of the same run.
 Wall time is that of the round that took least CPU time, which other programs of the machine lengthen less. An emulated
 robot is an STM32 with 1700 bytes a second on UART1, each an interrupt; a GAP8 that takes an interrupt for each of them;
 and a native ESP32. In the run of 30 MCUs all are emulated: 15 robots.

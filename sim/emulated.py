@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -53,6 +54,7 @@ def emulate(kernel: Any, robot: int, mcu: str, image: images.Image) -> None:
         raise LocalError(f"{image.path} cannot be run: {str(ffi.string(lib.kernel_fault(kernel)), 'ascii')}")
     if result < 0:
         raise LocalError(f"{image.path}: the {mcu} cannot run images here")
+    lib.kernel_set_threads(kernel, os.cpu_count() or 1)
 
 
 def fault(kernel: Any, of: Mapping[tuple[int, str], images.Image]) -> str:

@@ -92,7 +92,7 @@ ffibuilder.set_source(
     include_dirs=["."],
     depends=[path.relative_to(ROOT).as_posix() for folder in SOURCE_FOLDERS for path in (ROOT / folder).glob("*.h")],
     extra_compile_args=[*FREESTANDING, *shlex.split(os.environ.get("SPINDECK_CFLAGS", ""))],
-    extra_link_args=shlex.split(os.environ.get("SPINDECK_LDFLAGS", "")),
+    extra_link_args=["-pthread", *shlex.split(os.environ.get("SPINDECK_LDFLAGS", ""))],
 )
 
 if __name__ == "__main__":

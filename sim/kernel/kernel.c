@@ -18,6 +18,7 @@ kernel_t *kernel_new(uint64_t seed) {
     }
     k->seed = seed;
     k->truth = truth;
+    pthread_mutex_init(&k->truth_lock, NULL);
     return k;
 }
 
@@ -49,6 +50,7 @@ void kernel_free(kernel_t *k) {
     }
     free(k->robots);
     trace_free(&k->trace);
+    pthread_mutex_destroy(&k->truth_lock);
     free(k->truth);
     free(k);
 }

@@ -138,6 +138,7 @@ typedef struct {
     uint8_t port;
 } call_t;
 
+enum { KERNEL_THREADS_MAX = 16 };
 enum { TRACE_OFF = 0, TRACE_HASH = 1, TRACE_FULL = 2 };
 enum {
     KERNEL_UNTIL = 0,
@@ -189,6 +190,11 @@ int kernel_set_storage(kernel_t *self, int robot, storage_function_t function, v
 /// the other; but with TRACE_FULL all by turns, in the order of their events. When an image fails, the others
 /// may be further on, up to until_ns.
 int kernel_run(kernel_t *self, int64_t until_ns, int robot, size_t bytes);
+
+/// From now on kernel_run shares the robots among so many threads, at most KERNEL_THREADS_MAX; at first there
+/// is none but the caller's. It changes no byte. A storage's function may be called from any of them, for
+/// each robot one call at a time.
+void kernel_set_threads(kernel_t *self, uint32_t threads);
 
 int64_t kernel_now_ns(const kernel_t *self);
 uint64_t kernel_events(const kernel_t *self); ///< handled so far

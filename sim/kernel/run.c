@@ -1,5 +1,7 @@
 #include "world.h"
 
+#include <stdatomic.h>
+
 static void handle(robot_t *r, uint32_t source) {
     if (source < SOURCE_LINE) {
         node_timer(r, (mcu_t)source);
@@ -33,6 +35,25 @@ static bool goes_on(const robot_t *r) {
     return !r->report.failed && !r->trace->failed;
 }
 
+static void put_truth(kernel_t *k, const frame_truth_t *truth) {
+    if (k->truth_fill == TRUTH_MAX) {
+        k->truth_head = (k->truth_head + 1) % TRUTH_MAX;
+        k->truth_fill--;
+        k->truth_lost++;
+    }
+    k->truth[(k->truth_head + k->truth_fill++) % TRUTH_MAX] = *truth;
+}
+
+/// Only its own: of more captures than are kept for one call, each robot's are in order.
+static void make_room(kernel_t *k, robot_t *r) {
+    pthread_mutex_lock(&k->truth_lock);
+    for (uint32_t i = 0; i < r->captured; i++) {
+        put_truth(k, &r->captures[i].truth);
+    }
+    pthread_mutex_unlock(&k->truth_lock);
+    r->captured = 0;
+}
+
 /// The captures of all robots, in the order in which they were known.
 static void keep_truth(kernel_t *k) {
     for (;;) {
@@ -48,13 +69,7 @@ static void keep_truth(kernel_t *k) {
         if (first == NULL) {
             break;
         }
-        if (k->truth_fill == TRUTH_MAX) {
-            k->truth_head = (k->truth_head + 1) % TRUTH_MAX;
-            k->truth_fill--;
-            k->truth_lost++;
-        }
-        k->truth[(k->truth_head + k->truth_fill++) % TRUTH_MAX] =
-            first->captures[first->captures_kept++].truth;
+        put_truth(k, &first->captures[first->captures_kept++].truth);
     }
     for (uint32_t i = 0; i < k->robot_count; i++) {
         robot_t *r = k->robots[i];
@@ -67,22 +82,50 @@ static void run_robot(kernel_t *k, robot_t *r, int64_t until_ns, size_t bytes) {
     while (goes_on(r) && r->host_in.fill < bytes && events_next_ns(&r->events) <= until_ns) {
         step(r);
         if (r->captured == CAPTURES_MAX) {
-            keep_truth(k);
+            make_room(k, r);
         }
     }
 }
 
-/// One robot after the other, so that what it needs of the host's caches is loaded once, and not for each
-/// byte: the watched one first, which may end it for all. Returns when it ended.
-static int64_t run_one_by_one(kernel_t *k, int64_t end_ns, robot_t *watched, size_t bytes) {
+/// Robots that are still to run.
+typedef struct {
+    kernel_t *kernel;
+    const robot_t *but;
+    int64_t end_ns;
+    atomic_uint next;
+} queue_t;
+
+static void *run_next_ones(void *argument) {
+    queue_t *queue = argument;
+    kernel_t *k = queue->kernel;
+    for (;;) {
+        const uint32_t i = atomic_fetch_add(&queue->next, 1);
+        if (i >= k->robot_count) {
+            return NULL;
+        }
+        if (k->robots[i] != queue->but) {
+            run_robot(k, k->robots[i], queue->end_ns, SIZE_MAX);
+        }
+    }
+}
+
+/// Each in one go, so that what it needs of the host's caches is loaded once, and not for each byte: the
+/// watched one first, which may end it for all. Returns when it ended.
+static int64_t run_each(kernel_t *k, int64_t end_ns, robot_t *watched, size_t bytes) {
     if (watched != NULL) {
         run_robot(k, watched, end_ns, bytes);
         end_ns = watched->host_in.fill >= bytes ? watched->now_ns : end_ns;
     }
-    for (uint32_t i = 0; i < k->robot_count; i++) {
-        if (k->robots[i] != watched) {
-            run_robot(k, k->robots[i], end_ns, SIZE_MAX);
-        }
+    queue_t queue = {.kernel = k, .but = watched, .end_ns = end_ns};
+    pthread_t helpers[KERNEL_THREADS_MAX];
+    uint32_t count = 0;
+    while (count + 1 < k->threads && count + 1 < k->robot_count &&
+           pthread_create(&helpers[count], NULL, run_next_ones, &queue) == 0) {
+        count++;
+    }
+    run_next_ones(&queue);
+    while (count > 0) {
+        pthread_join(helpers[--count], NULL);
     }
     return end_ns;
 }
@@ -131,6 +174,10 @@ static void arrive(kernel_t *k, int64_t now_ns) {
     }
 }
 
+void kernel_set_threads(kernel_t *k, uint32_t threads) {
+    k->threads = threads < KERNEL_THREADS_MAX ? threads : KERNEL_THREADS_MAX;
+}
+
 int kernel_run(kernel_t *k, int64_t until_ns, int robot, size_t bytes) {
     if (until_ns < k->now_ns) {
         return KERNEL_ERR_TIME;
@@ -138,7 +185,7 @@ int kernel_run(kernel_t *k, int64_t until_ns, int robot, size_t bytes) {
     robot_t *watched = robot_of(k, robot);
     if (k->failed == NULL && !(watched != NULL && watched->host_in.fill >= bytes)) {
         const int64_t came_ns = k->trace.mode == TRACE_FULL ? run_in_order(k, until_ns, watched, bytes)
-                                                            : run_one_by_one(k, until_ns, watched, bytes);
+                                                            : run_each(k, until_ns, watched, bytes);
         keep_truth(k);
         k->failed = failed(k);
         arrive(k, k->failed == NULL ? came_ns : k->failed->now_ns);

@@ -14,6 +14,8 @@
 #include "trace.h"
 #include "wire.h"
 
+#include <pthread.h>
+
 enum {
     UART_QUEUE_BYTES = 2048,                ///< delayed on one UART; more are lost and counted as overflowed
     UART_HELD_BYTES = 256,                  ///< longest unit that can be reordered or duplicated
@@ -218,6 +220,8 @@ struct kernel {
     frame_truth_t *truth;  ///< ring of TRUTH_MAX
     uint32_t truth_head, truth_fill;
     uint64_t truth_lost;
+    pthread_mutex_t truth_lock; ///< while robots run
+    uint32_t threads;
 };
 
 static inline void robot_at(robot_t *r, uint32_t source, int64_t time_ns) {
