@@ -11,18 +11,18 @@ import numpy as np
 
 from ..clock.camera import Aligned, Refused, align
 from ..clock.camera_model import BEND, FOCAL, LINE, MIDDLE, MOUNT, SKEW, rotation
+from ..clock.gyro_filter import FIRMWARE_HZ, SENSOR_HZ
 from ..protocol.errors import LocalError, PeerError
-from ..usd.log import Log
 from . import sync_camera_film, sync_stamps
 from .as_json import line
 from .sync_camera_film import Recorded
+from .sync_gyro import source_of
 from .usd import load, warn
 
-GYRO = ("gyro.x", "gyro.y", "gyro.z")
-FILTERS_HZ = (116.0, 80.0)
 END, MIDDLE_ROW = "end of frame", "middle of exposure of the middle row"
 UNSEEN = "parallax of a robot that is carried about; how late rows of the log are stamped"
-UNSEEN_FILTERS = "the lag of the gyro's filters, if it has any"
+ASSUMED = "what the sensor's own filter is like (another one of its bandwidth would be late by 0.1 ms more or less)"
+LEFT_IN = "the lag of the gyro's filters, if it has any"
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -43,16 +43,17 @@ def run(arguments: argparse.Namespace) -> int:
         if several:
             raise LocalError(f"{arguments.file}: of several robots: choose the log's with --robot")
         log = load(arguments.log, examined=False)[0]
-        time_us, rate_rad_s, rows_left_out = gyro_of(arguments.log, log)
+        source = source_of(arguments.log, arguments.log, log)
         warn(arguments.log, log)
         times = None if arguments.own_times else restamped(arguments.file, robot)
         film = sync_camera_film.read(arguments.file, robot, times, arguments.line_time_us, arguments.exposure_us)
         found = align(
             film,
-            time_us,
-            rate_rad_s,
+            source.gyro.time_us,
+            np.radians(source.gyro.rate_dps),
             None if film.line_us is None else film.line_us * 1e-6,
-            () if arguments.raw_gyro else FILTERS_HZ,
+            None if film.exposure_us is None else film.exposure_us * 1e-6,
+            () if arguments.raw_gyro else (SENSOR_HZ, FIRMWARE_HZ),
             arguments.within_ms * 1e-3,
         )
         record = {
@@ -62,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
             "robot": robot,
             "frames": len(film.index),
             "frames_left_out": dict(film.left_out),
-            "rows_left_out": rows_left_out,
+            "rows_left_out": source.left_out,
             "times": "stamped" if times is None else "restamped",
             "bound_us_median": None if film.bound_us is None else round(film.bound_us, 1),
         }
@@ -83,22 +84,6 @@ def check(arguments: argparse.Namespace) -> None:
             raise LocalError(f"{option} {value:g}: microseconds, more than 0")
     if not 1 <= arguments.within_ms <= 10_000:
         raise LocalError(f"--within-ms {arguments.within_ms:g}: 1 to 10000")
-
-
-def gyro_of(name: str, log: Log) -> tuple[Any, Any, int]:
-    """Times in us, rates in rad/s, and how many rows were left out. PeerError without a gyro."""
-    having = [rows for rows in log.rows.values() if set(GYRO) <= set(rows.data.dtype.names or ()) and len(rows)]
-    if not having:
-        raise PeerError(f"{name}: no gyro in it: log gyro.x, gyro.y and gyro.z, at 500 Hz or more")
-    rows = max(having, key=len)
-    part = max(rows.epochs, key=len)
-    time_us = rows.stamp_us[part.start : part.stop].astype(np.float64)
-    rates = np.stack([rows.data[each][part.start : part.stop].astype(np.float64) for each in GYRO], axis=1)
-    later = np.concatenate([[True], time_us[1:] > np.maximum.accumulate(time_us)[:-1]])
-    good = later & np.isfinite(rates).all(axis=1)
-    if good.sum() < 2:
-        raise PeerError(f"{name}: no two rows with a gyro: see 'host usd check'")
-    return time_us[good], np.radians(rates[good]), len(rows) - int(good.sum())
 
 
 def restamped(file: str, robot: int) -> dict[int, tuple[float, float]] | None:
@@ -144,7 +129,7 @@ def estimates(film: Recorded, found: Aligned) -> dict[str, Any]:
             "mean_us": round(begun.mean_s * 1e6 + (film.before_end_us or 0)),
             "sd_us": round(begun.sd_s * 1e6),
         },
-        "not_in_sigma": UNSEEN if found.lag_s else f"{UNSEEN}; {UNSEEN_FILTERS}",
+        "not_in_sigma": f"{UNSEEN}; {ASSUMED if found.lag_s else LEFT_IN}",
     }
 
 

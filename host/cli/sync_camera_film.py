@@ -32,6 +32,8 @@ class Recorded:
     """From that to the end of frame: the median."""
     line_us: float | None
     """From row to row, GAP8 time."""
+    exposure_us: float | None
+    """Median."""
     bound_us: float | None
     """Of the stamps: median."""
     left_out: Counter[str] = field(default_factory=Counter)
@@ -53,6 +55,7 @@ class Told:
     bound_us: float | None
     before_end_us: float | None
     line_us: float | None
+    exposure_us: float | None
 
 
 def frames(file: str, robot: int) -> Iterator[Frame]:
@@ -86,18 +89,20 @@ def read(file: str, robot: int, times_us: dict[int, tuple[float, float]] | None,
     told = [each for each in told if each.size == size]
     kept = longest_rise(told)
     left_out["before or after a reset of the clock"] += len(told) - len(kept)
-    before, lines, bounds = (
-        [getattr(each, name) for each in kept] for name in ("before_end_us", "line_us", "bound_us")
-    )
-    known = [each for each in before if each is not None]
-    shift = np.array(before, np.float64) if len(known) == len(kept) else np.zeros(len(kept))
+    before_end_us = usual([each.before_end_us for each in kept])
+    shift = np.array([each.before_end_us or 0.0 for each in kept]) if before_end_us is not None else np.zeros(len(kept))
     return Recorded(
         file, robot, *size, np.array([each.index for each in kept]),
-        np.array([each.stamp_us for each in kept]) - shift,
-        float(np.median(known)) if len(known) == len(kept) else None,
-        None if None in lines else float(np.median(lines)),
-        None if None in bounds else float(np.median(bounds)), +left_out,
+        np.array([each.stamp_us for each in kept]) - shift, before_end_us,
+        usual([each.line_us for each in kept]), usual([each.exposure_us for each in kept]),
+        usual([each.bound_us for each in kept]), +left_out,
     )  # fmt: skip
+
+
+def usual(values: list[float | None]) -> float | None:
+    """Their median; None when one of them is."""
+    known = [each for each in values if each is not None]
+    return float(np.median(known)) if len(known) == len(values) else None
 
 
 def tell(
@@ -119,9 +124,11 @@ def tell(
     before_end_us = frame.row_before_end_us((frame.height - 1) / 2)
     if frame.native:
         line_us = frame.native.line_time_ns / 1000
+        exposure_us = frame.native.exposure_lines * line_us
     elif line_us is not None and exposure_us is not None:
         before_end_us = (frame.height - 1) / 2 * line_us + exposure_us / 2
-    return Told(frame.index, (frame.width, frame.height), float(stamp_us), bound_us, before_end_us, line_us)
+    return Told(frame.index, (frame.width, frame.height), float(stamp_us), bound_us, before_end_us, line_us,
+                exposure_us)  # fmt: skip
 
 
 def longest_rise(told: list[Told]) -> list[Told]:

@@ -16,7 +16,7 @@ from .camera_onset import Onsets, onsets
 from .camera_patches import find, smooth
 from .camera_tiles import SURE, Tiles
 from .ticks import Floats
-from .turning import Turning, lag_s, unlagged
+from .turning import Turning, as_exposed, lag_s
 
 Reason = Literal[
     "too few frames",
@@ -28,7 +28,7 @@ Reason = Literal[
     "not sure enough",
 ]
 PAIRS_MIN, PLACES_MIN = 20, 200
-PAIRS_MAX, FIRST_PAIRS = 600, 150
+PAIRS_MAX, FIRST_PAIRS = 600, 60
 """Of the frames' pairs, so many are looked at closely: in each of BLOCKS parts those in which the rate changes most."""
 BLOCKS = 20
 APART_S = 0.5
@@ -92,10 +92,11 @@ def align(
     gyro_us: Floats,
     rate_rad_s: Floats,
     line_s: float | None = None,
+    exposure_s: float | None = None,
     lowpass_hz: tuple[float, ...] = (),
     reach_s: float = 0.5,
 ) -> Aligned | Refused:
-    """`line_s`: from row to row, if known. `lowpass_hz`: what the gyro went through, if known (turning.unlagged).
+    """`line_s`: from row to row, if known; `exposure_s` likewise. `lowpass_hz`: what the gyro went through, if known.
     `reach_s`: offsets of the middle row that are thought of."""
     stamps = film.stamp_us
     if len(stamps) <= PAIRS_MIN:
@@ -117,7 +118,7 @@ def align(
             f"its rate varies by {np.degrees(speed):.2f} deg/s rms: a steady turn does not tell the time; turn it"
             " to and fro, quickly",
         )
-    turning = Turning(time_s, unlagged(time_s, rate_rad_s, lowpass_hz) if lowpass_hz else rate_rad_s)
+    turning = Turning(time_s, as_exposed(time_s, rate_rad_s, lowpass_hz, exposure_s or 0.0))
     tiles = Tiles.of(film.width, film.height)
     moved, sure = tile_motion(film, tiles)
     pairs_s = np.stack([stamp_s[:-1], stamp_s[1:]], axis=1)

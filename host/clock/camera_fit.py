@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera_model import COUNT, FOCAL, LINE, MIDDLE, SKEW, Places, seen_again, turned
+from .jackknife import left_out
 from .ticks import Floats
 from .turning import Turning
 
@@ -59,8 +60,8 @@ def fit(places: Places, turning: Turning, assumed: Floats, theta: Floats, line_f
         scale = max(float(np.median(size)) / RAYLEIGH, 1e-3)
         weight = np.minimum(1.0, (OUTLIER * scale / np.maximum(size, 1e-12)) ** 2)
         away, slopes = away * np.sqrt(weight)[:, None], slopes * np.sqrt(weight)[:, None, None]
-        normal, right = squares(slopes, away)
-        normal, right = normal + prior, right - prior @ (theta - begin)[free]
+        columns, left = slopes.reshape(-1, len(free)), away.ravel()
+        normal, right = columns.T @ columns + prior, columns.T @ left - prior @ (theta - begin)[free]
         try:
             step = np.linalg.solve(normal, right)
         except np.linalg.LinAlgError:
@@ -75,15 +76,10 @@ def fit(places: Places, turning: Turning, assumed: Floats, theta: Floats, line_f
     else:
         return None
     sigma = np.zeros(COUNT)
-    sigma[free] = np.maximum(spread, jackknife(places.pair, slopes, away, normal))
+    parts = left_out(columns, left, np.repeat(blocks(places.pair), 2), prior).spread
+    sigma[free] = np.fmax(spread, np.sqrt(np.diag(parts)))
     residual = places.after - model(places, turning, assumed, theta)
     return Fit(theta, sigma, residual, weight, scale)
-
-
-def squares(slopes: Floats, away: Floats) -> tuple[Floats, Floats]:
-    """The normal equations of (n, 2, free) and (n, 2)."""
-    flat = slopes.reshape(-1, slopes.shape[2])
-    return flat.T @ flat, flat.T @ away.ravel()
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,17 +146,3 @@ def roots(information: Floats) -> Floats:
     out = np.zeros_like(information)
     out[:, 0, 0], out[:, 1, 0], out[:, 1, 1] = first, second, np.sqrt(np.maximum(c - second**2, 0))
     return out
-
-
-def jackknife(pair: NDArray[np.intp], slopes: Floats, away: Floats, normal: Floats) -> Floats:
-    """Sigmas from leaving out one of BLOCKS parts in time after the other, in the linear model."""
-    block = blocks(pair)
-    _, whole = squares(slopes, away)
-    estimates = []
-    for each in np.unique(block):
-        own, right = squares(slopes[block == each], away[block == each])
-        estimates.append(np.linalg.lstsq(normal - own, whole - right, rcond=None)[0])
-    table, count = np.array(estimates), len(estimates)
-    if count < 2:
-        return np.full(len(normal), np.inf)
-    return np.asarray(np.sqrt((count - 1) / count * ((table - table.mean(axis=0)) ** 2).sum(axis=0)))

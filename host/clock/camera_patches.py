@@ -73,12 +73,10 @@ def find(before: Grey, after: Grey, expect: Expect, levels: int) -> Found:
     height, width = before.shape
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
     at = grid(width, height)
-    around = at + SIDE / 2 * np.array([[[0, 0]], [[-1, 0]], [[1, 0]], [[0, -1]], [[0, 1]]])
-    there, left, right, above, below = expect(around.reshape(-1, 2)).reshape(around.shape)
-    # How the neighbourhood is stretched and sheared, by the turn and by the rows' different times.
-    shape = np.stack([right - left, below - above], axis=2) / SIDE
-    inside = np.all(np.abs(there) < middle - 2, axis=1) & (np.nan_to_num(np.linalg.det(shape)) > 0.2)
-    at, there, shape = at[inside], there[inside], shape[inside]
+    there, shape, curve = neighbourhood(expect, at)
+    inside = np.all(np.abs(there) < middle - 2, axis=1) & np.isfinite(curve).all(axis=(1, 2))
+    inside &= np.linalg.det(np.where(inside[:, None, None], shape, 0)) > 0.2
+    at, there, shape, curve = at[inside], there[inside], shape[inside], curve[inside]
     pyramid = [(before, after)]
     for _ in range(levels):
         pyramid.append((halved(pyramid[-1][0]), halved(pyramid[-1][1])))
@@ -87,7 +85,7 @@ def find(before: Grey, after: Grey, expect: Expect, levels: int) -> Found:
         scale = 0.5**level
         # The middle of a halved picture's pixel lies between four.
         from_, to = ((each + middle + 0.5) * scale - 0.5 for each in (at, there + shift))
-        step, squares, noise, alike = track(*pyramid[level], from_, to, shape)
+        step, squares, noise, alike = track(*pyramid[level], from_, to, shape, curve / scale)
         shift = shift + np.clip(step / scale, -SIDE, SIDE)
     textured = np.linalg.eigvalsh(squares)[:, 1] > (CONTRAST * SIDE) ** 2
     sure = textured & (alike > ALIKE) & (np.abs(shift).max(axis=1) < (FAR if levels == 0 else 2.0) * SIDE)
@@ -96,7 +94,21 @@ def find(before: Grey, after: Grey, expect: Expect, levels: int) -> Found:
     return Found(at[sure], (there + shift)[sure], np.asarray(information, np.float64), int(textured.sum()), len(at))
 
 
-def track(before: Grey, after: Grey, from_: Floats, to: Floats, shape: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def neighbourhood(expect: Expect, at: Floats) -> tuple[Floats, Floats, Floats]:
+    """Where each place is expected (n, 2), and how what is around it is stretched and sheared there (n, 2, 2) and bent
+    (n, 2, 3: by x x, x y and y y): by the turn, in perspective, and by the rows' different times."""
+    half = SIDE / 2
+    corners = np.stack(np.meshgrid([-half, 0, half], [-half, 0, half], indexing="ij"), axis=2).reshape(9, 1, 2)
+    p = expect((at + corners).reshape(-1, 2)).reshape(3, 3, len(at), 2)
+    shape = np.stack([p[2, 1] - p[0, 1], p[1, 2] - p[1, 0]], axis=2) / SIDE
+    mixed = (p[2, 2] - p[2, 0] - p[0, 2] + p[0, 0]) / 2
+    curve = np.stack([p[2, 1] + p[0, 1] - 2 * p[1, 1], mixed, p[1, 2] + p[1, 0] - 2 * p[1, 1]], axis=2)
+    return p[1, 1], shape, curve / (2 * half * half)
+
+
+def track(
+    before: Grey, after: Grey, from_: Floats, to: Floats, shape: Floats, curve: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Patches about `from_` in one picture, sought about `to` in the other, pixels: by how much further (n, 2) they
     are; the sum of the squares of their gradients (n, 2, 2); what is left, mean square; and the correlation."""
     side = np.arange(SIDE, dtype=np.float32) - (SIDE - 1) / 2
@@ -108,7 +120,8 @@ def track(before: Grey, after: Grey, from_: Floats, to: Floats, shape: Floats) -
     slopes = slopes @ np.linalg.inv(shape).astype(np.float32) * is_in[:, :, None]
     squares = (slopes.transpose(0, 2, 1) @ slopes).astype(np.float64)
     solve = np.linalg.inv(squares + (WEAK * CONTRAST * SIDE) ** 2 * np.eye(2))
-    stretched = (to[:, :, None] + shape @ square).astype(np.float32)
+    bent = curve @ np.stack([square[0] ** 2, square[0] * square[1], square[1] ** 2])
+    stretched = (to[:, :, None] + shape @ square + bent).astype(np.float32)
     shift = np.zeros_like(to)
     for _ in range(ROUNDS):
         there = stretched + shift.astype(np.float32)[:, :, None]

@@ -13,13 +13,15 @@ SURE = 8.0
 """A peak so many times the rest's root mean square is one."""
 NOISY = 0.35
 """Of the highest frequency: above it, pictures are noise and edges of pixels."""
+SIDES = 1.9
+"""So many tiles are as long as the lower side of the picture, without their overlap."""
 FLAT = 3.0
 """Grey levels: a tile of less contrast shows nothing."""
 
 
 @dataclass(frozen=True)
 class Tiles:
-    """Where the tiles of pictures of one size lie: as large as the lower side allows two of, half over each other."""
+    """Where the tiles of pictures of one size lie, a little over each other."""
 
     side: int
     corners: NDArray[np.intp]
@@ -29,7 +31,7 @@ class Tiles:
 
     @classmethod
     def of(cls, width: int, height: int) -> Tiles:
-        side = 1 << (int(min(width, height) / 1.9).bit_length() - 1)
+        side = int(min(width, height) / SIDES) & ~1
         rows, columns = (np.linspace(0, size - side, 1 + size // side).astype(np.intp) for size in (height, width))
         corners = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=2).reshape(-1, 2)
         middles = corners[:, ::-1] + (side - 1) / 2 - [(width - 1) / 2, (height - 1) / 2]

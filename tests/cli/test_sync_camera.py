@@ -15,7 +15,7 @@ from host.cli import main
 
 @pytest.fixture(scope="module")
 def turned(tmp_path_factory: pytest.TempPathFactory) -> Filmed:
-    return filmed(tmp_path_factory.mktemp("turned"), 7, "teeter", keys="&stm32_ppm=40&gap8_ppm=-30")
+    return filmed(tmp_path_factory.mktemp("turned"), 7, "teeter", seconds=5, fps=10, keys="&stm32_ppm=40&gap8_ppm=-30")
 
 
 def sync(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> dict:
@@ -60,7 +60,7 @@ def test_for_people(turned: Filmed, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_the_papers_frames(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Stamped too early by the message's way over the wire and half of two ticks, and each by another rounding."""
-    made = filmed(tmp_path, 5, "teeter", scenario="paper", seconds=8, keys="&camera_burst=1")
+    made = filmed(tmp_path, 5, "teeter", scenario="paper", seconds=6, fps=10, keys="&camera_burst=1")
     optics = made.flight.optics
     alone = sync(capsys, made.recording, made.log)
     assert alone["of"] == "middle of exposure of the middle row"
@@ -82,7 +82,7 @@ def test_refused_and_wrong_words(turned: Filmed, capsys: pytest.CaptureFixture[s
     capsys.readouterr()
     other = tmp_path / "other"
     other.mkdir()
-    still = filmed(other, 7, "still", seconds=4)
+    still = filmed(other, 7, "still", seconds=3, fps=10)
     refused = sync(capsys, still.recording, still.log, "--plot", str(tmp_path / "y.svg"), code=4)
     assert refused["refused"] == "too little rotation"
     assert not (tmp_path / "y.svg").exists()

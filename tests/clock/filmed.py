@@ -5,8 +5,6 @@ seeds take pictures at equal times, whatever is on them, as long as they are raw
 """
 
 import dataclasses
-import struct
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,10 +14,8 @@ from PIL import Image
 import host
 from host.cli import main
 from sim.panorama import HALF, Optics, panorama
+from sim.row_log import FIXED, Block, row_log
 from sim.turned_camera import Flight, Gyro, Motion, flight
-
-GYRO_ROWS = np.dtype([("id", "<u2"), ("stamp", "<u8"), ("gyro", "<f4", 3)])
-HEAD = b"\xbc\2\0\1\0\xff\xfffixedFrequency\0\3\0gyro.x(f)\0gyro.y(f)\0gyro.z(f)\0"
 
 
 @dataclass(frozen=True)
@@ -63,7 +59,6 @@ def filmed(folder: Path, seed: int, motion: Motion, *, seconds: float = 6.0, fps
 
 def log_of(made: Flight, stamp_us: np.ndarray) -> bytes:
     """Rows before the clock began are left out."""
-    rows = np.zeros(len(stamp_us), GYRO_ROWS)
-    rows["id"], rows["stamp"], rows["gyro"] = 0xFFFF, np.maximum(np.round(stamp_us), 0), made.gyro_deg_s
-    body = HEAD + rows[stamp_us > 0].tobytes()
-    return body + struct.pack("<I", zlib.crc32(body))
+    after = stamp_us > 0
+    columns = {f"gyro.{axis}": made.gyro_deg_s[after, place] for place, axis in enumerate("xyz")}
+    return row_log([Block(FIXED, np.round(stamp_us[after]).astype(np.int64), columns)])
