@@ -217,19 +217,19 @@ def noise_dps(board: Board) -> float:
     return float(np.sqrt(noise_density(board, (np.arange(2048) + 0.5) / 4096 * ODR_HZ).mean()))
 
 
-def bound_us(teetered: Teetered, at_us: float) -> float:
+def bound_us(teetered: Teetered, at_us: float, below_hz: float = ODR_HZ / 2) -> float:
     """Cramér and Rao's bound of the shift at that time of the first clock, when skew, gain and bias are unknown too.
 
     The Fisher information of the difference of both gyros, whose noise is that of both: derivatives of the clean
     signal, each frequency weighed by the noise there. With white noise, and the rest known, it is
-    sqrt(2) sigma / sqrt(sum of the squared derivative).
+    sqrt(2) sigma / sqrt(sum of the squared derivative). `below_hz`: for who uses no frequencies above.
     """
     clean, since_s = teetered.clean_dps, (teetered.stamp_us - at_us) * 1e-6
     hz = frequencies(len(clean), ODR_HZ)
     slope = np.fft.irfft(np.fft.rfft(clean) * 2j * np.pi * hz * 1e-6, len(clean))
     spectra = np.fft.rfft(np.stack([slope, slope * since_s, clean, np.ones(len(clean))]))
     # At half the rate the filter lets nothing through, no noise either.
-    twice = np.where(hz == 0, 1.0, np.where(hz < ODR_HZ / 2, 2.0, 0.0)) / len(clean)
+    twice = np.where(hz == 0, 1.0, np.where(hz < below_hz, 2.0, 0.0)) / len(clean)
     noise = 2 * np.maximum(noise_density(teetered.board, hz), 1e-12)
     information = np.real((spectra * (twice / noise)) @ spectra.conj().T)
     return float(np.sqrt(np.linalg.inv(information)[0, 0]))

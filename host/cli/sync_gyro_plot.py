@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,8 @@ WIDTH, HEIGHT = 1200, 760
 AROUND_US = 60e3
 """Shown about the event that tells most."""
 PLACES = 600
+EVERY = 6
+"""Of the places, for the gyro that is laid over the other."""
 
 
 def picture(found: Shift, first: str, second: str) -> list[Shape]:
@@ -37,7 +40,7 @@ def shapes(found: Shift, first: str, second: str) -> Iterator[Shape]:
     yield from panel(
         0, f"about the board's axis, deg/s: {first}, and {second} laid over it (red)", x, own, BLUE, limits
     )
-    yield from (each for each in panel(0, "", x, other, RED, limits) if isinstance(each, Dots))
+    yield from dots(panel(0, "", x[::EVERY], other[::EVERY], RED, limits), 3.5)
     yield from panel(1, "what is left, deg/s", x, own - other, BLUE)
     bottom = TOP + 2 * (PANEL + SPACE) - SPACE
     yield from axis(at_us[0], at_us[-1], bottom, best.at_us, 1e-3, f"ms about {best.at_us * 1e-6:.3f} s")
@@ -46,8 +49,15 @@ def shapes(found: Shift, first: str, second: str) -> Iterator[Shape]:
     away = np.array([each.shift_us for each in events])
     telling = weight > 0.1 / len(events)
     times, away = times[telling], away[telling]
-    yield from panel(2, "each event's own shift, less the line through all, us", across(times), away, BLUE)
+    own_shift = list(panel(2, "each event's own shift, less the line through all, us", across(times), away, BLUE))
+    yield from (each for each in own_shift if not isinstance(each, Dots))
+    yield from dots(own_shift, 6)
     yield from axis(times.min(), times.max(), TOP + 3 * (PANEL + SPACE) - SPACE, 0.0, 1e-6, "s of the first clock")
+
+
+def dots(drawn: Iterable[Shape], size: float) -> Iterator[Shape]:
+    """Those of a panel, of that size."""
+    return (replace(each, size=size) for each in drawn if isinstance(each, Dots))
 
 
 def across(at: np.ndarray) -> np.ndarray:

@@ -25,7 +25,9 @@ from .jackknife import Spread, left_out
 
 Places = NDArray[np.intp]
 
+ROWS_OF_LOG_MIN = 1000
 ROWS_MIN = 100
+"""That tell something."""
 CELL_US = 50e3
 """Samples are used or not by cells of that."""
 SHARE = 0.98
@@ -41,6 +43,8 @@ TURNED_DPS_MIN = 10.0
 """About the board's axis, between the extremes: less is next to the noise."""
 SIGMA_US_MAX = 1000.0
 STEPS_MAX = 12
+AWAY = np.array([20e3, 3000.0, 0.9, 100.0])
+"""Further from where it begins, us, ppm, gain and deg/s, the fit is lost."""
 STEP_US = 0.003
 
 
@@ -109,10 +113,10 @@ class Refused:
 
 
 def compare(first: Gyro, second: Gyro) -> Shift | Refused:
+    if min(len(first.time_us), len(second.time_us)) < ROWS_OF_LOG_MIN:
+        return Refused(f"less than {ROWS_OF_LOG_MIN} rows of one of them")
     one = Samples(first.time_us, main_axis(first.rate_dps))
     other = Samples(second.time_us, main_axis(second.rate_dps))
-    if min(len(one.time_us), len(other.time_us)) < 1000:
-        return Refused("less than 1000 rows of one of them")
     turned = [float(np.ptp(np.quantile(each.value, [0.001, 0.999]))) for each in (one, other)]
     if min(turned) < TURNED_DPS_MIN:
         return Refused(f"too little rotation: {min(turned):.1f} deg/s from end to end")
@@ -125,7 +129,8 @@ def compare(first: Gyro, second: Gyro) -> Shift | Refused:
 
 
 def refine(first: Samples, second: Samples, rough: Aligned, filter_us: float) -> Shift | Refused:
-    state = np.array([rough.shift_us, rough.skew * 1e6, 1.0, 0.0])
+    start = np.array([rough.shift_us, rough.skew * 1e6, 1.0, 0.0])
+    state = start
     smooth = low_pass(first.step_us)
     near, used = telling(first, second, state, rough.middle_us, smooth)
     if used.sum() < ROWS_MIN:
@@ -136,6 +141,10 @@ def refine(first: Samples, second: Samples, rough: Aligned, filter_us: float) ->
     white = np.ones(1)
     for step in range(STEPS_MAX):
         columns, residual, _ = linear(at_us, own, own_slope, second, since_s, state)
+        known = np.isfinite(residual) & np.isfinite(columns).all(axis=1)
+        columns, residual, used = np.where(known[:, None], columns, 0.0), np.where(known, residual, 0.0), used & known
+        if used.sum() < ROWS_MIN or (np.abs(state - start) > AWAY).any():
+            return Refused("no shift lays one gyro over the other: were the robots fixed on one board?")
         left, by = whitened(residual[:, None], white)[used, 0], whitened(smoothed(columns, smooth), white)[used]
         change, *_ = np.linalg.lstsq(by, left, rcond=None)
         state = state + change
@@ -161,15 +170,15 @@ def refine(first: Samples, second: Samples, rough: Aligned, filter_us: float) ->
     shift, sigma = carried(state, fit, at_s)
     if sigma > SIGMA_US_MAX:
         return Refused(f"too little rotation: the shift would be sure to ± {sigma / 1000:.1f} ms only")
-    start, start_sigma = carried(state, fit, -rough.middle_us * 1e-6)
+    at_zero, at_zero_sigma = carried(state, fit, -rough.middle_us * 1e-6)
     return Shift(
         shift_us=shift,
         sigma_us=sigma,
         at_us=rough.middle_us + at_s * 1e6,
         skew_ppm=float(state[1]),
         skew_sigma_ppm=float(np.sqrt(fit.spread[1, 1])),
-        start_us=start,
-        start_sigma_us=start_sigma,
+        start_us=at_zero,
+        start_sigma_us=at_zero_sigma,
         gain=float(state[2]),
         bias_dps=float(state[3]),
         noise_dps=float(residual[used].std()),

@@ -192,7 +192,7 @@ class LagFit:
         if not np.isfinite(errors[best]):
             return Refused("attitudes and gyro are not of the same time")
         elsewhere = np.abs(SEARCH_US - SEARCH_US[best]) > APART_US
-        if best in (0, len(errors) - 1) or errors[elsewhere].min() < RIVAL * errors[best]:
+        if best in (0, len(errors) - 1) or errors[elsewhere].min() <= RIVAL * errors[best]:
             return Refused("too little rotation, or an even one: no lag between -60 and 160 ms fits better than others")
         return float(SEARCH_US[best]) * 1e-6
 

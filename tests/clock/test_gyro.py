@@ -124,6 +124,16 @@ def test_refused_with_a_reason(settings: dict[str, float], why: str) -> None:
     assert why in found.why
 
 
+@pytest.mark.parametrize("rows", [0, 1, 999, 4000])
+def test_logs_with_nothing_in_them(rows: int) -> None:
+    made = teeter(Board(seed=1, **SHORT))
+    nothing = Gyro(np.arange(rows) * 1000.0, np.zeros((rows, 3)))
+    for pair in ((gyro(made.logs[0]), nothing), (nothing, gyro(made.logs[0])), (nothing, nothing)):
+        found = compare(*pair)
+        assert isinstance(found, Refused)
+        assert "rows" in found.why if rows < 1000 else "too little rotation" in found.why
+
+
 def test_two_boards_are_not_one() -> None:
     one, other = (teeter(Board(seed=seed, **SHORT)).logs[0] for seed in (1, 2))
     found = compare(gyro(one), gyro(other))
@@ -206,6 +216,9 @@ def test_wrong_input_of_the_command(board: tuple[str, str], tmp_path: Path, caps
 @pytest.mark.skipif(not REAL.is_dir(), reason="the shared logs are not here")
 def test_flights_that_were_not_on_one_board(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sync", "gyro", str(REAL / "jana00"), str(REAL / "jana20")]) == 4
+    assert "one board" in capsys.readouterr().err
+    swap = Path(DATA) / "usd-2019/swap-2"
+    assert main(["sync", "gyro", str(swap / "cf50_02"), str(swap / "cf51_02")]) == 4
     assert "one board" in capsys.readouterr().err
     assert main(["sync", "gyro", str(REAL / "jana00"), str(REAL / "hole-1.5s")]) == 4
     assert "no gyro" in capsys.readouterr().err

@@ -95,6 +95,15 @@ def test_attitudes_of_another_flight() -> None:
     assert "same time" in elsewhere.why
 
 
+def test_a_gyro_that_was_never_logged_right() -> None:
+    """All zeros, as a firmware without the sensor has it."""
+    gyro, mocap, _ = read(pose_log(Flight(seed=1, seconds=8)))
+    for rate in (np.zeros_like(gyro.rate_dps), np.full_like(gyro.rate_dps, 2000.0)):
+        found = lag_of(mocap, Gyro(gyro.time_us, rate))
+        assert isinstance(found, Refused)
+    assert isinstance(lag_of(Attitudes(np.zeros(0), np.zeros((0, 4))), gyro), Refused)
+
+
 def test_wrong_poses_and_gaps_are_left_out() -> None:
     flight = Flight(seed=3, seconds=12)
     gyro, mocap, _ = read(pose_log(flight))
