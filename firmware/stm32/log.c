@@ -2,6 +2,10 @@
 
 #include "../core/checks.h"
 
+_Static_assert(USD_CONFIG_RING_MIN ==
+                   STORAGE_SECTOR_BYTES - 1 + USD_ROW_BYTES_MAX + USD_STATUS_BYTES + USD_LOG_END_BYTES,
+               "the least ring holds what waits for a sector, and a row");
+
 void stm32_log_init(stm32_log_t *self, const stm32_log_config_t *config, const usd_table_t *table,
                     uint8_t *ring) {
     memset(self, 0, sizeof *self);

@@ -147,7 +147,11 @@ def rounded(said: str, place: int, names: Known) -> str:
 
 def ring(said: str, place: int, names: Known) -> str:
     low, high = lib.USD_CONFIG_RING_MIN, lib.USD_CONFIG_RING_MAX
-    return f"{said} bytes become {low if int(digits(said)) < low else high}: write {low} to {high}"
+    if int(digits(said)) < low:
+        return (
+            f"{said} bytes hold no sector of the card, a row and the log's end; they become {low}: write {low} or more"
+        )
+    return f"{said} bytes become {high}, the most that there is: write {low} to {high}"
 
 
 def name_long(said: str, place: int, names: Known) -> str:

@@ -14,13 +14,13 @@ ERR_VALUE = -5
 
 def test_the_file_that_everybody_has() -> None:
     config = Config(
-        b"1     # version\n512   # buffer size in bytes\njana  # file name\n0     # enable on startup (0/1)\n"
+        b"1     # version\n1024  # buffer size in bytes\njana  # file name\n0     # enable on startup (0/1)\n"
         b"on:fixedFrequency\n500     # frequency\n1     # mode (0: disabled, 1: synchronous stabilizer)\n"
         b"t.f0\nt.f1\nt.H0\non:estPose\nt.f0\non:estTDOA\n"
     )
     assert config.result == 0
     assert config.findings == []
-    assert (config.state.ring_bytes, config.name, config.state.on_startup) == (512, "jana", False)
+    assert (config.state.ring_bytes, config.name, config.state.on_startup) == (1024, "jana", False)
     assert config.state.period_us == 2000
     assert config.blocks == [("fixedFrequency", ["t.f0", "t.f1", "t.H0"]), ("estPose", ["t.f0"]), ("estTDOA", [])]
 
@@ -41,15 +41,15 @@ CASES: list[tuple[str, bytes, list[tuple[int, int]], list[str]]] = [
     ("version", b"2\n" + HEAD[12:] + FIXED + b"t.f0\n", [(1, lib.USD_ERROR_VERSION)], []),
     ("no number", b"1\nmany\nlog\n1\n" + FIXED, [(2, lib.USD_ERROR_NUMBER)], []),
     ("a number of ten digits", b"1\n4294967298\nlog\n1\n" + FIXED, [(2, lib.USD_ERROR_NUMBER)], []),
-    ("a name with a folder", b"1\n512\na/b\n1\n" + FIXED, [(3, lib.USD_ERROR_NAME)], []),
-    ("startup is neither", b"1\n512\nlog\n2\n" + FIXED, [(4, lib.USD_ERROR_NUMBER)], []),
+    ("a name with a folder", b"1\n1024\na/b\n1\n" + FIXED, [(3, lib.USD_ERROR_NAME)], []),
+    ("startup is neither", b"1\n1024\nlog\n2\n" + FIXED, [(4, lib.USD_ERROR_NUMBER)], []),
     ("nothing", b"", [(1, lib.USD_ERROR_HEAD)], []),
     ("only a head", HEAD, [], []),
-    ("cut in the head", b"1\n512\nlog\n", [(4, lib.USD_ERROR_HEAD)], []),
-    ("a long line in the head", b"1\n512\n" + LONG + b"\n1\n" + FIXED, [(3, lib.USD_ERROR_LINE_LONG)], []),
+    ("cut in the head", b"1\n1024\nlog\n", [(4, lib.USD_ERROR_HEAD)], []),
+    ("a long line in the head", b"1\n1024\n" + LONG + b"\n1\n" + FIXED, [(3, lib.USD_ERROR_LINE_LONG)], []),
     (
         "a long line behind a bad head",
-        b"1\n512\n/\n1\non:" + LONG + b"\non:estPose\n",
+        b"1\n1024\n/\n1\non:" + LONG + b"\non:estPose\n",
         [(3, lib.USD_ERROR_NAME), (5, lib.USD_ERROR_LINE_LONG)],
         [],
     ),
@@ -94,10 +94,10 @@ CASES: list[tuple[str, bytes, list[tuple[int, int]], list[str]]] = [
     ),
     ("a small ring", b"1\n10\nlog\n1\n" + FIXED, [(2, lib.USD_WARNING_RING)], ["fixedFrequency"]),
     ("a large ring", b"1\n70000\nlog\n1\n" + FIXED, [(2, lib.USD_WARNING_RING)], ["fixedFrequency"]),
-    ("a long name", b"1\n512\nabcdefghijk\n1\n" + FIXED, [(3, lib.USD_WARNING_NAME_LONG)], ["fixedFrequency"]),
+    ("a long name", b"1\n1024\nabcdefghijk\n1\n" + FIXED, [(3, lib.USD_WARNING_NAME_LONG)], ["fixedFrequency"]),
     ("no newline", HEAD + FIXED + b"t.f0\nt.f1", [(9, lib.USD_WARNING_NO_NEWLINE)], ["fixedFrequency t.f0 t.f1"]),
     ("a comment without newline", HEAD + FIXED + b"t.f0\n#", [], ["fixedFrequency t.f0"]),
-    ("blank in the head", b"1\n\n512\nlog\n1\n" + FIXED, [(2, lib.USD_WARNING_BLANK)], ["fixedFrequency"]),
+    ("blank in the head", b"1\n\n1024\nlog\n1\n" + FIXED, [(2, lib.USD_WARNING_BLANK)], ["fixedFrequency"]),
     ("a unit", HEAD + b"on:fixedFrequency\n500Hz\n1\n", [(6, lib.USD_WARNING_TRAILING)], ["fixedFrequency"]),
 ]
 

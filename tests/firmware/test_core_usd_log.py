@@ -16,7 +16,7 @@ from host.protocol.spec import usd
 from host.protocol.spec.checks import crc32
 from host.usd.decode import decode
 
-HEAD = b"1\n512\nlog\n1\n"
+HEAD = b"1\n1024\nlog\n1\n"
 STATUS_ID = len(EVENTS)
 SESSION = 0x5E551011
 CONFIG = (
@@ -194,13 +194,13 @@ def test_what_does_not_fit_is_dropped_whole_and_counted() -> None:
     log.write()
     taken = sum(log.row(FIXED, 1000 + n, ZEROS) for n in range(100))
     row_bytes = lib.usd_row_bytes(log.config.table.view, log.config.state.blocks)
-    assert taken == (512 - lib.USD_LOG_END_BYTES) // row_bytes
+    assert taken == (1024 - lib.USD_LOG_END_BYTES) // row_bytes
     assert (log.state.counters.requested, log.state.counters.dropped) == (100, 100 - taken)
     log.status(2000)  # for which there is always room
     assert not log.row(FIXED, 2001, ZEROS)
     assert log.peek(1000)[-42:-32] == struct.pack("<HQ", STATUS_ID, 2000)
     assert read(log.close(3000))[1][-1].dropped == 101 - taken
-    assert log.state.fill_max <= 512
+    assert log.state.fill_max <= 1024
 
 
 def test_a_full_ring_still_takes_the_end_of_the_file() -> None:
