@@ -21,10 +21,10 @@ enum {
     USD_CONFIG_PAYLOAD_MAX = 4,    ///< values that an event carries of its own
     USD_CONFIG_FINDINGS_MAX = 16,  ///< that are kept; all are counted
     USD_CONFIG_HZ_MAX = 1000,
-    /// Bytes; what asks for less gets this. The card takes whole sectors, so up to 511 bytes wait for the rest
-    /// of theirs; beside them the widest row (USD_ROW_BYTES_MAX), the status row of the next sync and the
-    /// file's end (USD_LOG_END_BYTES) must fit: 511 + 154 + 42 + 46. In 512, which many files say, a log stops
-    /// when its first sector is almost full.
+    /// Bytes; what asks for less gets this. The card takes whole sectors, so up to 511 bytes wait for the
+    /// rest of theirs; beside them the widest row (USD_ROW_BYTES_MAX), the status row of the next sync and
+    /// the file's end (USD_LOG_END_BYTES) must fit: 511 + 154 + 42 + 46. In 512, which many files say, a log
+    /// stops when its first sector is almost full.
     USD_CONFIG_RING_MIN = 753,
     USD_CONFIG_RING_MAX = 65535, ///< likewise, for more
     USD_CONFIG_FIXED = 0xFFFF,   ///< usd_block_t.event of the block with a frequency; its id in the file

@@ -28,6 +28,7 @@ int stm32_init(stm32_t *self, const stm32_config_t *config, instant_t now) {
     self->wifi_next_us = config->wifi_mode == 0 ? NEVER_US : now.up_us;
     self->crtp_next_us = NEVER_US;
     self->report_next_us = NEVER_US;
+    crtp_log_reset(&self->telemetry);
     self->mocap_next_us = config->mocap_period_us == 0 ? NEVER_US : now.up_us;
     const motion_t moves = motion_at(&config->pose, config->sway_m, now.up_us);
     self->attitude = attitude_of(&moves.pose); // it only sways
@@ -113,6 +114,7 @@ static void set_client(stm32_t *self, bool on, uint64_t now_us) {
         return;
     }
     self->report_next_us = NEVER_US;
+    crtp_log_reset(&self->telemetry);
     set_bridge(self, false, now_us);
     if (self->config.wifi_mode != 0) {
         self->wifi_next_us = now_us; // the ESP32 may have started anew and know no settings
@@ -209,6 +211,9 @@ static size_t transmit_cpx(stm32_t *self, uint8_t *out, instant_t now) {
     if (now.up_us >= self->report_next_us) {
         stm32_report(self, now);
     }
+    while (now.up_us >= self->telemetry.next_us) { // ends: it is later behind each packet
+        stm32_telemetry(self, now);
+    }
     if (self->queue_fill > 0) {
         const stm32_packet_t *first = &self->queue[self->queue_head];
         cpx_packet_t packet = {.data = {first->data, first->size}};
@@ -255,6 +260,7 @@ uint64_t stm32_deadline(const stm32_t *self) {
         const bool loads = self->queue_fill > 0 && self->uart2.tx_size == 0;
         deadline_us = earlier(deadline_us, loads ? 0 : cpx_uart_deadline(&self->uart2));
         deadline_us = earlier(deadline_us, self->report_next_us);
+        deadline_us = earlier(deadline_us, self->telemetry.next_us);
     }
     return deadline_us;
 }

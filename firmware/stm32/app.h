@@ -13,6 +13,7 @@
 #include "../core/cpx_uart.h"
 #include "../core/image.h"
 #include "../core/uart1.h"
+#include "crtp_log.h"
 #include "log.h"
 #include "values.h"
 
@@ -92,6 +93,7 @@ typedef struct {
     pose_t external; ///< the last pose that came from outside
     beacon_t beacon; ///< the last that came
     usd_table_t table;
+    crtp_log_t telemetry; ///< variables that a client has subscribed to
     stm32_log_t log;
     uint8_t log_ring[STM32_LOG_RING_BYTES];
 } stm32_t;

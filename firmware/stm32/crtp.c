@@ -5,6 +5,7 @@ enum {
     PARAM_MISC = 3, ///< channel
     PARAM_SET_BY_NAME = 0,
     PARAM_U8 = 8,
+    LOG_PORT = 5,
     LOCALIZATION_PORT = 6,
     LOCALIZATION_POSITION = 0, ///< channel
     LOCALIZATION_GENERIC = 1,  ///< likewise
@@ -81,12 +82,30 @@ static bool set_parameter(stm32_t *self, bytes_t packet) {
     return true;
 }
 
+static bool subscribe(stm32_t *self, bytes_t in, instant_t now) {
+    uint8_t answer[CRTP_LOG_PACKET_MAX];
+    const size_t size = crtp_log_receive(&self->telemetry, &self->table, in, now.up_us, answer);
+    if (size > 0) {
+        stm32_send(self, CPX_HOST, CPX_CRTP, (bytes_t){answer, size});
+    }
+    return size > 0;
+}
+
+void stm32_telemetry(stm32_t *self, instant_t now) {
+    const stm32_values_t values = stm32_values_at(self, now.up_us);
+    uint8_t packet[CRTP_LOG_PACKET_MAX];
+    const size_t size = crtp_log_values(&self->telemetry, &self->table, now.up_us, &values, packet);
+    stm32_send(self, CPX_HOST, CPX_CRTP, (bytes_t){packet, size});
+}
+
 bool stm32_crtp(stm32_t *self, bytes_t in, instant_t now) {
     const uint8_t port = in.data[0] >> 4;
     const uint8_t channel = in.data[0] & 3U;
     switch (port) {
     case PARAM_PORT:
         return channel == PARAM_MISC && set_parameter(self, in);
+    case LOG_PORT:
+        return subscribe(self, in, now);
     case LOCALIZATION_PORT:
         return localize(self, channel, (bytes_t){in.data + 1, in.size - 1}, now);
     case APP_PORT:

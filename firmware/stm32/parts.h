@@ -21,6 +21,8 @@ void stm32_log_event(stm32_t *self, uint16_t event, instant_t now);
 /// A position came from outside; the event is STM32_EST_POSE or STM32_EST_POSITION.
 void stm32_heard_position(stm32_t *self, const pose_t *pose, uint16_t event, instant_t now);
 uint64_t stm32_rows_deadline(const stm32_t *self);
+/// What there is to be logged, on the card and over CRTP.
+stm32_values_t stm32_values_at(const stm32_t *self, uint64_t up_us);
 
 // report.c
 /// A host asks for messages about the log, or for none. False for what is no such request.
@@ -32,5 +34,7 @@ void stm32_report(stm32_t *self, instant_t now);
 /// A CRTP packet from the host or the radio: a position, a beacon, or usd.logging set. False: there is
 /// nothing behind this app for it.
 bool stm32_crtp(stm32_t *self, bytes_t in, instant_t now);
+/// Queues what is due of the variables that a client has subscribed to: one packet.
+void stm32_telemetry(stm32_t *self, instant_t now);
 
 #endif

@@ -13,7 +13,7 @@ static uint16_t battery_mv(uint64_t up_us) {
                                                         : BATTERY_EMPTY_MV;
 }
 
-static stm32_values_t values_at(const stm32_t *self, uint64_t up_us) {
+stm32_values_t stm32_values_at(const stm32_t *self, uint64_t up_us) {
     const motion_t moves = motion_at(&self->config.pose, self->config.sway_m, up_us);
     const pose_t *pose = &moves.pose;
     const usd_counters_t *counters = &self->log.log.counters;
@@ -43,6 +43,10 @@ static stm32_values_t values_at(const stm32_t *self, uint64_t up_us) {
         .dropped = counters->dropped,
         .write_errors = counters->errors,
         .stall_us = counters->stall_us,
+        .syncs = counters->syncs,
+        .session = counters->session,
+        .card_errors = self->log.errors,
+        .log_state = (uint8_t)self->log.status,
         .beacon_sequence = self->beacon.sequence,
         .beacon_us = (uint32_t)self->beacon.host_us,
         .beacon_us_high = (uint16_t)(self->beacon.host_us >> 32),
@@ -51,7 +55,7 @@ static stm32_values_t values_at(const stm32_t *self, uint64_t up_us) {
 
 void stm32_log_event(stm32_t *self, uint16_t event, instant_t now) {
     if (stm32_log_wants(&self->log, event)) {
-        const stm32_values_t values = values_at(self, now.up_us);
+        const stm32_values_t values = stm32_values_at(self, now.up_us);
         stm32_log_row(&self->log, event, now, &values);
     }
 }

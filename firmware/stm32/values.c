@@ -44,6 +44,10 @@ static const usd_variable_t VARIABLES[] = {
     VARIABLE("usd.eventsDropped", 'I', dropped),
     VARIABLE("usd.writeError", 'I', write_errors),
     VARIABLE("usd.stallUs", 'I', stall_us),
+    VARIABLE("usd.syncs", 'I', syncs),
+    VARIABLE("usd.session", 'I', session),
+    VARIABLE("usd.cardErrors", 'I', card_errors),
+    VARIABLE("usd.state", 'B', log_state),
 };
 
 static const usd_event_t EVENTS[] = {

@@ -34,6 +34,10 @@ typedef struct {
     uint32_t dropped;
     uint32_t write_errors;
     uint32_t stall_us;
+    uint32_t syncs;
+    uint32_t session;
+    uint32_t card_errors;     ///< since boot
+    uint8_t log_state;        ///< log_state_t
     uint32_t beacon_sequence; ///< of the last that came
     uint32_t beacon_us;       ///< the host's clock in it, its low 32 bits ...
     uint16_t beacon_us_high;  ///< ... and 16 more: 8.9 years

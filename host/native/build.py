@@ -36,6 +36,7 @@ HEADERS = [
     "firmware/stm32/log.h",
     "firmware/stm32/motion.h",
     "firmware/stm32/values.h",
+    "firmware/stm32/crtp_log.h",
     "firmware/stm32/app.h",
     "firmware/gap8/app.h",
     "firmware/esp32/app.h",
