@@ -77,7 +77,8 @@ def resident_bytes() -> int:
 
 def creation(pixels: bool) -> dict[str, float]:
     """Of one MCU: CPU time from nothing until it has booted and sleeps, and the memory that the process has grown by,
-    Unicorn's own included. The mean over 2 * WORLDS; with pixels after a second of streaming, which touches all its memory."""
+    Unicorn's own included. The mean over 2 * WORLDS; with pixels after a second of streaming, which touches all its
+    memory."""
     settings: dict[str, Any] = {**PIXELS, "gap8_boot_ms": 0} if pixels else {**PLAIN, "gap8_boot_ms": 0}
     World("hover", backend="emulated", **settings).close()  # built, loaded, Unicorn's library in memory
 
