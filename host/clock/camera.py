@@ -31,6 +31,7 @@ PAIRS_MIN, PLACES_MIN = 20, 200
 PAIRS_MAX, FIRST_PAIRS = 600, 60
 """Of the frames' pairs, so many are looked at closely: in each of BLOCKS parts those in which the rate changes most."""
 BLOCKS = 20
+SIDE_MIN = 60
 APART_S = 0.5
 """Frames further apart are no pair."""
 RATE_MIN = np.radians(2.0)
@@ -101,15 +102,24 @@ def align(
     stamps = film.stamp_us
     if len(stamps) <= PAIRS_MIN:
         return Refused("too few frames", f"{len(stamps)} with a time, and {PAIRS_MIN + 1} are needed")
+    if min(film.width, film.height) < SIDE_MIN:
+        return Refused("too little texture", f"pictures of {film.width} x {film.height}; {SIDE_MIN} pixels are needed")
     zero_us = float(stamps[len(stamps) // 2])
     stamp_s, time_s = (stamps - zero_us) * 1e-6, (gyro_us - zero_us) * 1e-6
-    covered = (stamp_s > time_s[0]) & (stamp_s < time_s[-1])
-    if covered.sum() <= PAIRS_MIN:
+    pairs_s = np.stack([stamp_s[:-1], stamp_s[1:]], axis=1)
+    usable = (np.diff(stamp_s) > 0) & (np.diff(stamp_s) < APART_S)
+    if usable.sum() < PAIRS_MIN:
+        return Refused("too few frames", f"{usable.sum()} follow another within {APART_S:g} s")
+    heard = np.diff(np.searchsorted(time_s, pairs_s), axis=1)[:, 0] > 0
+    if heard.sum() < PAIRS_MIN:
+        rows = f"from {gyro_us[0]:.0f} to {gyro_us[-1]:.0f} us" if len(gyro_us) else "none"
         return Refused(
             "the log does not cover the frames",
-            f"{covered.sum()} of {len(stamps)} frames: frames from {stamps[0]:.0f} to {stamps[-1]:.0f} us, rows from"
-            f" {gyro_us[0]:.0f} to {gyro_us[-1]:.0f} us; were both made in one run, without a reset between?",
+            f"{heard.sum()} of {len(stamps)}: frames from {stamps[0]:.0f} to {stamps[-1]:.0f} us, rows {rows}; were"
+            " both made in one run, without a reset between?",
         )
+    near = (time_s > stamp_s[0] - reach_s - 1) & (time_s < stamp_s[-1] + reach_s + 1)
+    time_s, rate_rad_s = time_s[near], rate_rad_s[near]
     during = (time_s > stamp_s[0]) & (time_s < stamp_s[-1])
     speed = float(np.sqrt(((rate_rad_s[during] - rate_rad_s[during].mean(axis=0)) ** 2).sum(axis=1).mean()))
     if speed < RATE_MIN:
@@ -121,10 +131,8 @@ def align(
     turning = Turning(time_s, as_exposed(time_s, rate_rad_s, lowpass_hz, exposure_s or 0.0))
     tiles = Tiles.of(film.width, film.height)
     moved, sure = tile_motion(film, tiles)
-    pairs_s = np.stack([stamp_s[:-1], stamp_s[1:]], axis=1)
-    usable = (np.diff(stamp_s) > 0) & (np.diff(stamp_s) < APART_S)
     sure[~usable] = 0
-    part = float((sure[usable] > SURE).mean()) if usable.any() else 0.0
+    part = float((sure[usable] > SURE).mean())
     if part < SURE_MIN:
         return Refused(
             "too little texture",
@@ -157,6 +165,10 @@ def refine(
     fitted = None
     for count, levels in ((FIRST_PAIRS, 2), (PAIRS_MAX, 0)):
         wanted = choose(turning, pairs_s + theta[MIDDLE], usable, count)
+        if wanted.sum() < PAIRS_MIN:
+            return Refused(
+                "the log does not cover the frames", f"{wanted.sum()} pairs of them: the others are in its gaps"
+            )
         places, texture = patches(film, turning, theta, assumed, pairs_s, wanted, levels)
         if texture < TEXTURE_MIN:
             return Refused("too little texture", f"{texture:.0%} of all patches have some")
@@ -224,7 +236,8 @@ def patches(
     levels: int,
 ) -> tuple[Places, float]:  # fmt: skip
     """All patches of the wanted pairs, and which part of them has texture."""
-    found, textured, all_, before, last = [], 0, 0, None, -2
+    found = [Places(np.zeros(0, np.intp), *(np.zeros((0, *size)) for size in ((2,), (2,), (2,), (2, 2))))]
+    textured, all_, before, last = 0, 0, None, -2
     for number, picture in enumerate(film):
         needed = (number < len(wanted) and wanted[number]) or (number and wanted[number - 1])
         if not needed:

@@ -10,7 +10,7 @@ from PIL import Image
 
 from host.clock.camera import Aligned, Refused, align
 from host.clock.camera_model import FOCAL, LINE, MIDDLE
-from sim.panorama import HALF, panorama
+from sim.panorama import HALF, Optics, panorama
 from sim.turned_camera import Flight, Gyro, Motion, flight
 
 DATA = Path(os.environ.get("SPINDECK_DATA", Path(__file__).resolve().parents[3] / "shared/data"))
@@ -30,8 +30,8 @@ class Film:
 
 def short(seed: int, motion: Motion = "teeter", seconds: float = 3.0, fps: float = 15.0, **more: object) -> Flight:
     """All in one world: making one takes longest."""
-    more = {"world": panorama(1, 183), **more}
-    return flight(seed, motion, seconds=seconds, fps=fps, optics=HALF, **more)  # type: ignore[arg-type]
+    more = {"world": panorama(1, 183), "optics": HALF, **more}
+    return flight(seed, motion, seconds=seconds, fps=fps, **more)  # type: ignore[arg-type]
 
 
 def swung(seed: int, deg_s: float, hz: float, **more: object) -> Flight:
@@ -108,16 +108,21 @@ def test_the_papers_procedure() -> None:
         ("the pictures do not move with the gyro", {}, {"log_of": 9}),
         ("the log does not cover the frames", {}, {"later_s": 100.0}),
         ("too little rotation", {"motion": "spin", "fps": 30.0}, {}),
+        ("too few frames", {"seconds": 32.0, "fps": 1.0}, {}),
+        ("the log does not cover the frames", {}, {"rows": 0}),
+        ("the log does not cover the frames", {}, {"rows": 1200}),
+        ("too little texture", {"optics": Optics(width=40, height=30)}, {}),
     ],
     ids=lambda each: each if isinstance(each, str) else "",
 )
 def test_refused(reason: str, made: dict, more: dict) -> None:
-    world = made.get("world")
     flown = short(1, **{"motion": "teeter", **made})
     log = short(more["log_of"], "yaw") if "log_of" in more else flown
     rates = np.radians(log.gyro_deg_s)
-    got = align(Film(flown), (log.gyro_time_s + more.get("later_s", 0)) * 1e6, rates, flown.optics.line_s)
-    assert isinstance(got, Refused), (got, world)
+    rows = slice(more.get("rows"))
+    times_us = (log.gyro_time_s[rows] + more.get("later_s", 0)) * 1e6
+    got = align(Film(flown), times_us, rates[rows], flown.optics.line_s)
+    assert isinstance(got, Refused), got
     assert got.reason == reason, got
     assert got.detail
 
