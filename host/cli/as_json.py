@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..link.records import Event, Frame, LostFrame, State
 from ..link.state import describe
+
+if TYPE_CHECKING:
+    from .row import Row
 
 EVENT_NAMES = {
     "LostFrame": "lost_frame",
@@ -17,8 +20,9 @@ EVENT_NAMES = {
 }
 
 
-def as_dict(event: Event, robot: int) -> dict[str, Any]:
-    """Everything but pixels and pairs, which become their number. What a frame's dialect adds lies beside the rest."""
+def as_dict(event: Event, robot: int, row: Row | None = None) -> dict[str, Any]:
+    """Everything but pixels and pairs, which become their number. What a frame's dialect adds lies beside the rest, and
+    the time of a row if one is given."""
     name = type(event).__name__
     record: dict[str, Any] = {"event": EVENT_NAMES.get(name, name.lower()), "robot": robot}
     for field in dataclasses.fields(event):
@@ -28,6 +32,8 @@ def as_dict(event: Event, robot: int) -> dict[str, Any]:
         header = event.native or event.paper or event.nanocockpit
         record.update(dataclasses.asdict(header) if header else {})
         record.update(dialect=event.dialect, frame_stm32_us=event.frame_stm32_us)
+        if row:
+            record.update(row=row.of(event.height), row_stm32_us=row.stm32_us(event))
         if event.nanocockpit:
             record.update(round_trip_us=event.nanocockpit.round_trip_us)
         for name in ("native", "paper", "nanocockpit", "body"):

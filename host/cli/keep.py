@@ -10,6 +10,7 @@ from .as_json import as_dict, line
 
 if TYPE_CHECKING:
     from ..link.records import Frame, LostFrame
+    from .row import Row
 
 
 def new_folder(path: str) -> Path:
@@ -33,10 +34,11 @@ class Keeper:
     they are, and are never given a picture's name. frames.jsonl has one line for each of both, flushed at once.
     """
 
-    def __init__(self, folder: Path, robot: int) -> None:
+    def __init__(self, folder: Path, robot: int, row: Row | None = None) -> None:
         folder.mkdir(exist_ok=True)
         self.folder = folder
         self.robot = robot
+        self.row = row
         self.lost = 0
         self.index: IO[str] = (folder / "frames.jsonl").open("x", encoding="utf-8")
 
@@ -53,7 +55,7 @@ class Keeper:
         else:
             name = f"{stem}.raw"
             content = frame.body.tobytes()
-        self.write(name, content, as_dict(frame, self.robot))
+        self.write(name, content, as_dict(frame, self.robot, self.row))
 
     def broken(self, lost: LostFrame) -> None:
         """Keeps what came of a lost frame."""

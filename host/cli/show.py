@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from ..link.records import Event, Frame
+    from .row import Row
     from .stream_loop import Robot
 
 
@@ -24,6 +25,9 @@ USUAL_FLAGS = ("HAS_ESTIMATE", "HAS_BOUND", "QUANTISED")
 class JsonLines:
     """Every event as a line on stdout, then a summary line per robot."""
 
+    def __init__(self, row: Row | None = None) -> None:
+        self.row = row
+
     def __enter__(self) -> JsonLines:
         return self
 
@@ -32,7 +36,7 @@ class JsonLines:
 
     def event(self, event: Event, robot: int) -> None:
         """One line, at once."""
-        sys.stdout.write(line(as_dict(event, robot)) + "\n")
+        sys.stdout.write(line(as_dict(event, robot, self.row)) + "\n")
         sys.stdout.flush()
 
     def refresh(self, robots: list[Robot]) -> None:

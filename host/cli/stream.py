@@ -7,6 +7,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from ..protocol.typed import integer, real
+from .row import row
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,6 +26,7 @@ examples:
   host stream --port socket://192.168.4.1:5000 --record flight1.mcap
   host stream --port socket://192.168.4.1:5000 --reconnect --images flight2
   host stream --port "sim://swarm?robot=0" --port "sim://swarm?robot=1" --json
+  host stream --port "sim://hover?seed=7" --row middle --count 3 --json
 """
 
 
@@ -82,6 +84,13 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     add("--picture", metavar="FILE", help="where the last frame goes as PNG (default on a terminal: a temporary file)")
     add("--camera", metavar="PATH", help="what a simulated camera sees: a PGM, PPM or PNG file, or a folder of them")
+    add(
+        "--row",
+        type=row,
+        metavar="ROW",
+        help="give the STM32 time of the middle of this row's exposure too (row_stm32_us, in JSON and frames.jsonl of "
+        "native frames): its number, or first, middle, last",
+    )
     add("--json", action="store_true", help="JSON lines on stdout, also on a terminal")
     this.set_defaults(run=run)
 

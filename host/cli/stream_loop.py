@@ -215,6 +215,8 @@ def stream(arguments: argparse.Namespace, as_json: bool) -> int:
         raise LocalError("--record-without: nothing is recorded: add --record FILE")
     if arguments.picture and Path(arguments.picture).exists():
         raise LocalError(f"--picture {arguments.picture}: exists, and nothing is ever overwritten: name another file")
+    if arguments.row and not (as_json or arguments.images):
+        raise LocalError("--row: its time is in JSON lines and frames.jsonl: add --json or --images DIR")
     robots: list[Robot] = []
     with contextlib.ExitStack() as open_things:
         for number, port in enumerate(arguments.port):
@@ -233,11 +235,12 @@ def stream(arguments: argparse.Namespace, as_json: bool) -> int:
         if arguments.images:
             folder = new_folder(arguments.images)
             for robot in robots:
-                robot.keeper = Keeper(folder / f"robot{robot.number}" if len(robots) > 1 else folder, robot.number)
+                own = folder / f"robot{robot.number}" if len(robots) > 1 else folder
+                robot.keeper = Keeper(own, robot.number, arguments.row)
                 open_things.callback(robot.keeper.close)
         if arguments.record:
             record(robots, arguments, open_things)
-        show: JsonLines | Terminal = JsonLines() if as_json else Terminal(robots)
+        show: JsonLines | Terminal = JsonLines(arguments.row) if as_json else Terminal(robots)
         open_things.enter_context(show)
         interrupted = pump(robots, arguments, show)
     try:

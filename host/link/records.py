@@ -222,6 +222,15 @@ class Frame:
         lines = self.height - 1 - row + self.native.exposure_lines / 2
         return lines * self.native.line_time_ns / 1000
 
+    def row_stm32_us(self, row: float) -> float | None:
+        """Estimated STM32 time of the middle of a row's exposure, by row_before_end_us; its bound is that of the end of
+        frame. None without an estimate, or of frames that do not say how they were taken."""
+        before_end_us = self.row_before_end_us(row)
+        if self.native is None or self.native.frame_stm32_us is None or before_end_us is None:
+            return None
+        skew = self.native.clock.skew_ppb * 1e-9 if self.native.clock else 0.0
+        return self.native.frame_stm32_us - before_end_us * (1 + skew)
+
 
 def decode_jpeg(body: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
     """Shape (height, width). PeerError when the file is damaged or of another size than its header said."""

@@ -186,3 +186,18 @@ def test_what_a_frame_says_of_its_clocks_is_so() -> None:
     assert last.clock.window_stamps == pytest.approx(last.clock.window_us / 10_000, rel=0.1)
     assert last.clock.latency_us < 30, "found out from the frames' rate"
     assert last.bound_us > last.clock.latency_us
+
+
+@pytest.mark.parametrize("divider", [84, 85])
+def test_the_middle_of_a_row_s_exposure_is_in_the_stm32_s_time(divider: int) -> None:
+    """Rows are counted in the GAP8's time: of 45 ms of it the 84/85 clock makes half a millisecond less."""
+    clocks = {"stm32_ppm": 30, "gap8_ppm": -170, "stm32_divider": divider}
+    with World("hover", camera_fps=10, camera_exposure_lines=400, **clocks) as world:
+        robot = world.listen(0, "native")
+        robot.run(12)
+        ends_us = {int(each["frame"]): each["stm32_stamp_ns"] / 1000 for each in robot.truth}
+        frame = robot.frames[-1]
+    rate = (1 + 30e-6) / (1 - 170e-6) * divider / 85
+    for row, lines in ((243, 200), (0, 443), (121.5, 321.5)):
+        true_us = ends_us[header(frame).frame] - lines * 125.333 * rate
+        assert frame.row_stm32_us(row) == pytest.approx(true_us, abs=header(frame).bound_us)
