@@ -7,6 +7,7 @@ from construct import (
     Check,
     Checksum,
     Const,
+    Container,
     Default,
     ExprAdapter,
     FocusedSeq,
@@ -131,7 +132,7 @@ def has_clock(this: Any) -> bool:
 
 def whole_frame(found: Any, _: Any) -> Any:
     clock = found.clock.covered.value if has_clock(found) else dict.fromkeys(each.name for each in CLOCK_FIELDS.subcons)
-    return found.covered.value | clock
+    return Container(found.covered.value | clock)
 
 
 def parts_of_frame(values: Any, _: Any) -> Any:
