@@ -175,7 +175,8 @@ def lines(name: str, config: Config, cost: Budget, names: Names, rates: dict[str
         here = f"{cost.stall_ms:.0f} ms" if cost.stall_ms else "nothing: rows are lost without any stall"
         wanted = "" if enough else f"; {STALL_S * 1000:.0f} ms take {cost.ring_wanted} bytes"
         yield f"                   with this project's logger {here}{wanted}"
-        yield f"                   with the Crazyflie's at most {cost.stock_stall_ms:.0f} ms"
+        stock = "" if config.stock_ring_bytes == config.ring_bytes else f" ({config.stock_ring_bytes} bytes)"
+        yield f"                   with the Crazyflie's{stock} at most {cost.stock_stall_ms:.0f} ms"
 
 
 def counted(count: int, word: str) -> str:

@@ -62,7 +62,7 @@ def budget(config: Config, rates_hz: Mapping[str, float]) -> Budget:
         bytes_per_s=row_bytes + status,
         mb_per_hour=(row_bytes + status) * 3600 / 1e6,
         stall_ms=max(0.0, room / row_bytes * 1000) if row_bytes else 0.0,
-        stock_stall_ms=max(0.0, (config.ring_bytes - moment) / row_bytes * 1000) if row_bytes else 0.0,
+        stock_stall_ms=max(0.0, (config.stock_ring_bytes - moment) / row_bytes * 1000) if row_bytes else 0.0,
         ring_least=least,
         ring_wanted=int(least + early + STALL_S * row_bytes) + 1,
         uncounted=tuple(block.event for block in config.blocks if block.event not in rates),

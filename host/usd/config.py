@@ -14,7 +14,7 @@ import numpy as np
 
 from ..native import ffi, lib
 from ..protocol.errors import LocalError
-from .config_findings import RING_PLACE, Finding, beyond, explain, nothing
+from .config_findings import RING_PLACE, Finding, beyond, digits, explain, nothing
 from .header import NUMPY
 from .log import STATUS_EVENT, Log, Rows, Variable
 
@@ -78,6 +78,8 @@ class Config:
     usable: bool
     """False: nothing is logged."""
     ring_bytes: int
+    stock_ring_bytes: int
+    """That the Crazyflie's firmware makes: as many as there stand."""
     name: str
     on_startup: bool
     fixed_hz: float
@@ -215,6 +217,7 @@ class Parser:
         return Config(
             usable=usable,
             ring_bytes=int(state.ring_bytes),
+            stock_ring_bytes=int(digits(self._said.get(ring_line, "")) or 0),
             name=ffi.string(state.name).decode("ascii"),
             on_startup=bool(state.on_startup),
             fixed_hz=1e6 / state.period_us if state.period_us else 0.0,

@@ -160,10 +160,15 @@ def best_fit(name: str, stamps: Any, hz: float) -> Period:
     fine = np.linspace(middle - 0.3 / span, middle + 0.3 / span, 61)
     quality = [coherence(stamps, rate) for rate in fine]
     at = int(np.argmax(quality))
-    interval = 1 / float(fine[at])
-    # What is left of the times, and how well a line through them is known.
-    jitter = interval * math.sqrt(-2 * math.log(min(quality[at], 1 - 1e-12))) / (2 * math.pi)
-    error = jitter * math.sqrt(12 / len(stamps)) / span * interval
+    # Now that each time's number is known, a line through them.
+    turns = stamps * fine[at]
+    phase = float(np.angle(np.exp(2j * np.pi * turns).mean())) / (2 * math.pi)
+    numbers = np.rint(turns - phase)
+    numbers -= numbers.mean()
+    spread = float(numbers @ numbers)
+    interval = float(numbers @ stamps) / spread
+    left = stamps - stamps.mean() - interval * numbers
+    error = math.sqrt(float(left @ left) / len(stamps) / spread)
     return Period(name, interval, error, hz, interval / nominal, quality[at])
 
 

@@ -122,6 +122,24 @@ def test_every_trap_is_named_with_its_line_and_what_to_write(text: bytes, expect
     ]
 
 
+def test_what_is_said_of_each_frequency_is_what_the_firmware_does() -> None:
+    """Its period in the C, the warning, and the two frequencies that it offers, which are taken as they are."""
+    for hz in range(1, 1001):
+        text = HEAD + b"on:fixedFrequency\n%d\n1\ntt.f\n"
+        config = read_config(text % hz, NAMES)
+        assert config.fixed_hz == pytest.approx(1000 / (1000 // hz)), hz
+        said = [each.text for each in config.findings if each.kind == "rounded"]
+        assert bool(said) == (1000 % hz != 0), hz
+        if said:
+            words = said[0].split()
+            assert float(words[3].rstrip(":")) == pytest.approx(config.fixed_hz, rel=1e-5)
+            below, above = int(words[-3]), int(words[-1])
+            assert below < hz < above
+            for better in (below, above):
+                offered = read_config(text % better, NAMES)
+                assert (offered.fixed_hz, offered.findings) == (better, ())
+
+
 def test_every_finding_of_the_c_has_a_text() -> None:
     from host.usd.config_findings import TEXTS
 
@@ -198,5 +216,7 @@ def test_figures() -> None:
     assert cost.mb_per_hour == pytest.approx(48.48, abs=0.01)
     assert 70 < cost.stock_stall_ms < 77
     assert cost.stall_ms == pytest.approx((1024 - 46 - 511 - 2 * 38 - 42 - 107 - 38) / 13.3)
+    small = budget(read_config(text.replace(b"1024", b"512"), names_of_text(text)), {"estPose": 100.0})
+    assert small.stock_stall_ms == pytest.approx((512 - 2 * 38) / 13.3)
     assert budget(config, {}).uncounted == ("estPose",)
     assert budget(config, {}).rows_per_s == 250
