@@ -113,6 +113,7 @@ def as_record(first: Source, second: Source, found: Shift, paper: PaperShift | N
         "at_us": round(found.at_us, 1),
         "slope_ppm": round(found.skew_ppm, 4),
         "slope_sigma_ppm": round(found.skew_sigma_ppm, 4),
+        "bend_ppm": round(found.bend_ppm, 4),
         "start_us": round(found.start_us, 3),
         "start_sigma_us": round(found.start_sigma_us, 3),
         "counts_84_of_85": counts_84_of_85(first, second, found),
@@ -155,6 +156,8 @@ def lines(first: Source, second: Source, found: Shift, paper: PaperShift | None)
     slow = counts_84_of_85(first, second, found)
     said = f"; {slow} counts 84 where 85 have passed" if slow else ""
     yield f"  slope     {found.skew_ppm:+.3f} ± {found.skew_sigma_ppm:.3f} ppm{said}"
+    if found.bend_ppm:
+        yield f"  bends     the slope changes by {abs(found.bend_ppm):.3f} ppm to a usual event: that is in each ±"
     yield f"  gain      {found.gain:.4f}, bias {found.bias_dps:+.3f} deg/s (first against second)"
     yield (
         f"  filters   {found.filter_us:+.2f} us taken off: so much later is the second gyro, as its samples come at"

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .gyro_align import Aligned, align, main_axis
+from .gyro_bend import bend_of
 from .gyro_filter import as_sampled_every, later_us, sample_us
 from .gyro_signal import ORDER, Floats, Mask, Samples, low_pass, prediction, smoothed, whitened
 from .jackknife import Spread, left_out
@@ -82,6 +83,9 @@ class Shift:
     """... when the first clock says this: where it is known best."""
     skew_ppm: float
     skew_sigma_ppm: float
+    bend_ppm: float
+    """By so much the skew clearly changes from the middle to a usual event; 0: by nothing that is clear. What that
+    makes the line wrong is in all sigmas."""
     start_us: float
     """The same, carried on to 0 of the first clock: where both were, had they begun together."""
     start_sigma_us: float
@@ -165,27 +169,31 @@ def refine(first: Samples, second: Samples, rough: Aligned, filter_us: float) ->
     fit = left_out(by, left, number)
     if not np.isfinite(fit.spread).all():
         return Refused("they turned in one event only, in effect: strike the board more often")
+    events = tuple(each_event(at_us, by, left, number))
     # There the shift's error and the skew's have nothing in common.
     at_s = float(-fit.inverse[0, 1] / fit.inverse[1, 1])
     shift, sigma = carried(state, fit, at_s)
     if sigma > SIGMA_US_MAX:
         return Refused(f"too little rotation: the shift would be sure to ± {sigma / 1000:.1f} ms only")
+    bent = bend_of(*(np.array([getattr(each, name) for each in events]) for name in ("at_us", "shift_us", "weight")))
+    sigma = float(np.hypot(sigma, bent.at(rough.middle_us + at_s * 1e6)))
     at_zero, at_zero_sigma = carried(state, fit, -rough.middle_us * 1e-6)
     return Shift(
         shift_us=shift,
         sigma_us=sigma,
         at_us=rough.middle_us + at_s * 1e6,
         skew_ppm=float(state[1]),
-        skew_sigma_ppm=float(np.sqrt(fit.spread[1, 1])),
+        skew_sigma_ppm=float(np.hypot(np.sqrt(fit.spread[1, 1]), bent.rate_ppm)),
+        bend_ppm=bent.rate_ppm,
         start_us=at_zero,
-        start_sigma_us=at_zero_sigma,
+        start_sigma_us=float(np.hypot(at_zero_sigma, bent.at(0.0))),
         gain=float(state[2]),
         bias_dps=float(state[3]),
         noise_dps=float(residual[used].std()),
         explained=explained,
         filter_us=filter_us,
         span_s=float(np.ptp(at_us)) * 1e-6,
-        events=tuple(each_event(at_us, by, left, number)),
+        events=events,
         first=first,
         second=second,
     )
