@@ -185,7 +185,7 @@ typedef struct {
     uint64_t handled;
     trace_t *trace; ///< the kernel's; while robots run side by side, only its mode is looked at
     emulator_report_t report;
-    capture_t captures[CAPTURES_MAX]; ///< of this window: they go into the kernel's truth
+    capture_t captures[CAPTURES_MAX]; ///< not yet in the kernel's truth
     uint32_t captured, captures_kept;
     node_t nodes[MCU_COUNT];
     recorder_t *recorders[MCU_COUNT]; ///< NULL: its calls are not recorded
