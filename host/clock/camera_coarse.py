@@ -19,6 +19,8 @@ MOUNTS = [(pitch_deg, roll_deg) for pitch_deg in (0.0, 45.0, 90.0) for roll_deg 
 AGAIN = 2.0
 """Another offset that leaves less than so many times what the best one leaves is as good."""
 REWEIGHTED = 3
+TURN_MAX = 0.25
+"""rad, from frame to frame: of larger ones, those found by chance outweigh the others."""
 SOLVED = 1e-4
 """Ridge, of the mean: axes that the motion does not use."""
 
@@ -64,8 +66,13 @@ def coarse(
         _, lens = explain(by_pair, pulled, motion, turn, known)
         left = moved - np.einsum("tij,kj->kti", effect, turn @ lens.T)
         size = np.sqrt((left**2).sum(axis=2))
-        usual = max(float(np.median(size[known][weight[known] > 0])), 0.3)
-        weight = (sure > SURE) / (1 + (size / (3 * usual)) ** 2)
+        kept = size[known][weight[known] > 0]
+        if not len(kept):
+            return None
+        usual = max(float(np.median(kept)), 0.3)
+        # Far turns are beyond the first order, and beyond a tile.
+        small = np.sqrt((turn**2).sum(axis=1)) < TURN_MAX
+        weight = (sure > SURE) * small[:, None] / (1 + (size / (3 * usual)) ** 4)
     middle_s = float(offsets[best] + STEP_S * top(explained, best))
     pitch_deg, roll_deg, focal_px = mounted(by_pair, pulled, turn, known)
     if focal_px <= 0:

@@ -54,9 +54,7 @@ def solve(made: Flight, film: Film | None = None, **more: object) -> Aligned | R
     return align(film or Film(made), made.gyro_time_s * 1e6, rates, **known)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("motion", "fps", "pitch_deg"), [("teeter", 30, 0), ("yaw", 15, 45), ("yaw", 6, 0), ("teeter", 10, 90)]
-)
+@pytest.mark.parametrize(("motion", "fps", "pitch_deg"), [("teeter", 30, 0), ("yaw", 6, 45), ("yaw", 12, 90)])
 def test_from_pictures(motion: Motion, fps: int, pitch_deg: int) -> None:
     made = short(2, motion, fps=fps, seconds=36 / fps + 1, pitch_deg=pitch_deg)
     got = solve(made)
