@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from card_flights import CONFIG, FAST_CONFIG, Flight, model_flight, robot_flight
-from card_judge import Found, Image, flies_again, fsck, judge, same_as_others
+from card_judge import Found, Image, flies_again, fsck, judge, mended, same_as_others
 from card_model import Rate
 
 from sim.card_cuts import Cuts
@@ -72,6 +72,8 @@ def run(name: str, counts: list[int], damaged: bool, folder: Path, others: int =
                 result.ages_ms.append((flight.end_us(count) - found.newest_us) / 1000)
             if number % others == 0:
                 same_as_others(image)
+                if shutil.which("fsck.fat"):
+                    mended(image, flight, certain)
             if number % others == 0 or count < EDGE:
                 flies_again(image, flight, flight.recording.base | cuts.now | sectors, certain)
         except AssertionError as error:

@@ -77,6 +77,21 @@ def fsck(path: Path) -> list[str]:
     return lines
 
 
+def mended(image: Image, flight: Flight, count: int) -> None:
+    """A computer that finds the card not in order mends it: that takes nothing that a sync had covered."""
+    layout = flight.card.layout
+    directory = layout.data + layout.cluster_sectors  # FAT32 has it in the first cluster, the others before that.
+    size = (directory - image.start) * SECTOR
+    before = bytes(image.map[:size])
+    try:
+        subprocess.run(["fsck.fat", "-a", image.path], capture_output=True)
+        judge(image, flight, count)
+        again = subprocess.run(["fsck.fat", "-n", image.path], capture_output=True, text=True)
+        assert again.returncode == 0, again.stdout
+    finally:
+        image.map[:size] = before
+
+
 @dataclass(frozen=True)
 class Found:
     """After a cut, of all files."""
