@@ -42,6 +42,9 @@ def given(made: Flight, px: float, line_free: bool) -> tuple[Fit | None, float]:
 
 def told(name: str, error_s: Sequence[float], sigma_s: Sequence[float], refused: int, more: str = "") -> float:
     """Prints a row; rms in ms."""
+    if not error_s:
+        print(f"{name:34}{refused:54}")
+        return float("inf")
     error, sigma = np.array(error_s) * 1e3, np.array(sigma_s) * 1e3
     rms = float(np.sqrt(np.mean(error**2)))
     inside = np.mean(np.abs(error) < 2.58 * sigma) * 100

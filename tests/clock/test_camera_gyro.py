@@ -64,6 +64,14 @@ def test_from_pictures(motion: Motion, fps: int, pitch_deg: int) -> None:
     assert abs(got.line.theta[LINE] - made.optics.line_s) < max(5 * got.line.sigma[LINE], 1e-6)
 
 
+def test_turns_that_are_too_far_for_a_tile() -> None:
+    """Many frames see turns of 0.3 rad and more: tiles that are then found by chance must not outweigh others."""
+    made = short(0, "yaw", fps=2.5, seconds=24)
+    got = solve(made)
+    assert isinstance(got, Aligned), got
+    assert abs(got.fitted.theta[MIDDLE] - made.body_middle_s) < 0.1e-3
+
+
 def test_in_front_of_a_photograph() -> None:
     photographs = sorted((DATA / "panoramas").glob("*.jpg"))
     if not photographs:
