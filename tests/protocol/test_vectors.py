@@ -48,6 +48,8 @@ LITERAL: list[tuple[str, dict[str, Any], str]] = [
         {"route": route(4, 3, 6, True), "data": bytes.fromhex("11000000aabbccdd")},
         "08 00 63 06 11 00 00 00 aa bb cc dd",
     ),
+    # As the Crazyradio broadcasts it: the CRTP packet alone.
+    ("beacon", {"sequence": 4000000001, "host_us": 0x1122334455667788}, "d2 62 01 28 6b ee 88 77 66 55 44 33 22 11"),
 ]
 
 
