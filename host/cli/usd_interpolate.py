@@ -34,7 +34,8 @@ The exit code is 4 if no time has an answer.
 examples:
   host usd interpolate log00 --at 12400000,12500000
   host usd interpolate log00 --at times.txt --source estPose --method cubic > poses.csv
-  host usd interpolate log00 --at flight1.mcap --time-error-us 2500 --json
+  host usd interpolate log00 --at flight1.mcap --json
+  host usd interpolate log00 --at paper.mcap --time-error-us 5000
   host usd interpolate log00 --at flight1.mcap --source estPose --lag-us 6500±400
 """
 
@@ -62,7 +63,7 @@ def add_parser(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     this.add_argument(
         "--time-error-us",
         metavar="US",
-        help="how far the times may be off (default 0; a frame's own bound comes first)",
+        help="how far the times may be off (default 0; a frame's own bound comes first: only native frames have one)",
     )
     this.add_argument(
         "--row-error-us",

@@ -5,6 +5,7 @@ import io
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -75,25 +76,46 @@ def test_refusals_have_their_words_and_no_numbers(folder: Path, capsys: pytest.C
     assert main(["usd", "interpolate", "open00", "--at", "500500", "--unverified"]) == 0
 
 
+def recorded(scenario: str, capsys: pytest.CaptureFixture[str]) -> dict[int, dict[str, Any]]:
+    """flight.mcap, and its frames that carry an STM32 time."""
+    port = f"sim://{scenario}?pace=max&seed=7"
+    assert main(["stream", "--port", port, "--count", "5", "--record", "flight.mcap", "--json"]) == 0
+    events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    frames = [each for each in events if each["event"] == "frame"]
+    assert len(frames) == 5
+    return {each["index"]: each for each in frames if each["frame_stm32_us"] is not None}
+
+
 def test_frames_of_a_recording(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    record = ["stream", "--port", "sim://hover?pace=max&seed=7", "--count", "5", "--record", "flight.mcap", "--json"]
-    assert main(record) == 0
-    frames = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    stamps = {each["index"]: each["frame_stm32_us"] for each in frames if each["event"] == "frame"}
+    frames = recorded("hover", capsys)
+    command = ["usd", "interpolate", "log00", "--at", "flight.mcap"]
+    assert main(command) == 0
+    printed = capsys.readouterr()
+    found = list(csv.DictReader(io.StringIO(printed.out)))
+    assert {int(each["frame"]): int(each["stamp_stm32_us"]) for each in found} == {
+        index: frame["frame_stm32_us"] for index, frame in frames.items()
+    }
+    assert all(float(each["x_m"]) == pytest.approx(int(each["stamp_stm32_us"]) / 1e6, abs=1e-5) for each in found)
+    for each in found:
+        bound_us = frames[int(each["frame"])]["bound_us"]
+        assert bound_us > 0
+        assert float(each["position_error_m"]) == pytest.approx(0.001 + bound_us * 1e-6, rel=0.01)
+    assert "1 frames carry no STM32 time" in printed.err
+    assert main([*command, "--robot", "3"]) == 2
+    assert "no robot 3 in it" in capsys.readouterr().err
+
+
+def test_frames_that_do_not_say_how_good_their_times_are(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frames = recorded("paper", capsys)
     command = ["usd", "interpolate", "log00", "--at", "flight.mcap"]
     assert main(command) == 2
     assert "--time-error-us" in capsys.readouterr().err
     assert main([*command, "--time-error-us", "2500"]) == 0
-    printed = capsys.readouterr()
-    found = list(csv.DictReader(io.StringIO(printed.out)))
-    assert {int(each["frame"]): int(each["stamp_stm32_us"]) for each in found} == {
-        index: stamp for index, stamp in stamps.items() if stamp is not None
-    }
-    assert all(float(each["x_m"]) == pytest.approx(int(each["stamp_stm32_us"]) / 1e6, abs=1e-5) for each in found)
-    assert all(float(each["position_error_m"]) == pytest.approx(0.0035, rel=0.01) for each in found)
-    assert "1 frames carry no STM32 time" in printed.err
-    assert main([*command, "--robot", "3"]) == 2
-    assert "no robot 3 in it" in capsys.readouterr().err
+    found = rows(capsys)
+    assert {int(each["frame"]) for each in found} == set(frames)
+    answered = [each for each in found if not each["refused"]]
+    assert answered
+    assert all(float(each["position_error_m"]) == pytest.approx(0.0035, rel=0.01) for each in answered)
 
 
 @pytest.mark.parametrize(
