@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable, Iterable
 from typing import Any
 
-from ..protocol.errors import LocalError
+from ..protocol.errors import LocalError, PeerError
 from . import usd_config, usd_interpolate, usd_plot
 from .verb import add_verb
 
@@ -23,12 +24,14 @@ examples:
   host usd info card.img:/log00
 """
 CHECK_EXAMPLES = """\
-The exit code is 4 when a log is damaged, was not closed, or lacks rows. The clock alone is no fault: it is a note.
+The exit code is 4 when a log is damaged, was not closed, or lacks rows, and 2 when a FILE could not be read. The clock
+alone is no fault: it is a note.
 
 examples:
   host usd check log00
   host usd check card/log* --json | grep damage
   host usd check card.img                 # all logs on it
+  host usd check broken00 --header-of log01
 """
 DECODE_EXAMPLES = """\
 OUT's ending chooses the format:
@@ -66,12 +69,11 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         description="Read, check, repair and plot logs of the µSD card, and check what they are configured with.",
     )
     verbs = this.add_subparsers(dest="verb", metavar="VERB", title="verbs", required=True)
-    more = f"\n\n{FILES}"
+    more = f"\n\n{FILES}{HEADERLESS}"
     info = add_verb(verbs, "info", run_info, "say what is in a log", INFO_EXAMPLES, more)
     check = add_verb(verbs, "check", run_check, "say what is wrong with a log", CHECK_EXAMPLES, more)
     for each in (info, check):
         each.add_argument("files", metavar="FILE", nargs="+", help="a log")
-    more += HEADERLESS
     decode = add_verb(verbs, "decode", run_decode, "turn a log into tables", DECODE_EXAMPLES, more)
     repair = add_verb(
         verbs, "repair", run_repair, "write a valid log of all that is left of one", REPAIR_EXAMPLES, more
@@ -79,8 +81,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     for each in (decode, repair):
         each.add_argument("file", metavar="FILE", help="a log")
         each.add_argument("-o", "--output", metavar="OUT", required=True, help="the new file")
-        each.add_argument("--header-of", metavar="OTHER", help="FILE has no header: take that of this log")
         each.add_argument("--force", action="store_true", help="overwrite what is there")
+    for each in (info, check, decode, repair):
+        each.add_argument("--header-of", metavar="OTHER", help="FILE has no header: take that of this log")
     decode.add_argument("--verified-only", action="store_true", help="leave out rows that no good CRC covers")
     usd_config.add_parser(verbs)
     usd_interpolate.add_parser(verbs)
@@ -93,21 +96,21 @@ def run_info(arguments: argparse.Namespace) -> int:
     from . import usd_card, usd_report
     from .as_json import line
 
-    code = 0
-    for name in arguments.files:
+    def info(name: str) -> int:
         if is_card(name):
             card = open_card(name)
             shown = [line(usd_card.as_record(name, card))] if arguments.json else usd_card.info_lines(name, card)
             print("\n".join(shown))
-            continue
-        log, findings = load(name)
+            return 0
+        log, findings = load(name, header_of=arguments.header_of)
         warn_of_card(name)
-        code = code if log.version else 4
         if arguments.json:
             print(line(usd_report.as_record(name, log, findings)))
         else:
             print("\n".join(usd_report.info_lines(name, log, findings)))
-    return code
+        return 0 if log.version else 4
+
+    return one_by_one(arguments.files, info)
 
 
 def run_check(arguments: argparse.Namespace) -> int:
@@ -116,19 +119,31 @@ def run_check(arguments: argparse.Namespace) -> int:
     from . import usd_report
     from .as_json import line
 
-    code = 0
-    for name in (log for given in arguments.files for log in logs_on(given)):
-        log, findings = load(name)
+    def check(name: str) -> int:
+        log, findings = load(name, header_of=arguments.header_of)
         faults, notes = usd_report.judge(log, findings)
         faults = [{"event": "card", "text": str(each), "sector": each.sector} for each in card_faults(name)] + faults
-        code = 4 if faults else code
         if arguments.json:
             for record in [*faults, *notes]:
                 print(line({"event": record["event"], "file": name, **record}))
             print(line({"event": "checked", "file": name, "good": not faults, "faults": len(faults)}))
         else:
             print("\n".join(usd_report.check_lines(name, log, faults, notes)))
-    return code
+        return 4 if faults else 0
+
+    return one_by_one(arguments.files, lambda given: one_by_one(logs_on(given), check))
+
+
+def one_by_one(names: Iterable[str], command: Callable[[str], int]) -> int:
+    """Whatever is wrong with one, the others have their turn. 2 if one could not be read, else the highest code."""
+    codes = {0}
+    for name in names:
+        try:
+            codes.add(command(name))
+        except (LocalError, PeerError) as error:
+            print(f"host: {error}", file=sys.stderr)
+            codes.add(2 if isinstance(error, LocalError) else 4)
+    return 2 if 2 in codes else max(codes)
 
 
 def run_decode(arguments: argparse.Namespace) -> int:
@@ -174,29 +189,31 @@ def run_repair(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def load(name: str, examined: bool = True) -> tuple[Any, Any]:
+def load(name: str, examined: bool = True, header_of: str | None = None) -> tuple[Any, Any]:
     """A log and what its times say."""
-    from ..usd.decode import decode
     from ..usd.examine import examine
-    from ..usd.files import read_log
 
-    log = decode(read_log(name))
+    log = read_as(name, header_of)[2]
     return log, examine(log) if examined else None
 
 
 def read_rows(arguments: argparse.Namespace) -> tuple[Any, Any, Any]:
-    """The bytes of FILE and of the log whose header it is read with, and its rows; PeerError if there are none."""
-    from ..protocol.errors import PeerError
+    """As read_as(); PeerError if there are no rows."""
+    source, header_of, log = read_as(arguments.file, arguments.header_of)
+    if not log.row_count:
+        raise_nothing(arguments.file, log)
+    return source, header_of, log
+
+
+def read_as(name: str, other: str | None) -> tuple[Any, Any, Any]:
+    """The bytes of FILE, those of the log whose header it is read with if it is another's, and what is in it."""
     from ..usd.decode import decode
     from ..usd.files import read_log
 
-    name, other = arguments.file, arguments.header_of
     source = read_log(name)
     log = decode(source)
     if other is None:
-        if log.row_count:
-            return source, None, log
-        raise_nothing(name, log)
+        return source, None, log
     if log.is_whole or any(each.begin == 0 for each in log.verified):
         raise LocalError(f"{name} has a header, and its CRC is good: leave out --header-of")
     header_of = read_log(other)
@@ -232,8 +249,6 @@ def warn(name: str, log: Any) -> None:
 
 
 def raise_nothing(name: str, log: Any) -> None:
-    from ..protocol.errors import PeerError
-
     why = log.damages[0].why if log.damages else "the log is empty"
     way_out = " ('host usd repair --header-of OTHER' takes the header of a log of the same config.txt)"
     raise PeerError(f"{name}: no rows: {why}{way_out * (log.version is None and log.size > 0)}")

@@ -104,6 +104,9 @@ def judge(log: Log, findings: Findings) -> tuple[list[dict[str, Any]], list[dict
 
 
 def notes_of(log: Log, findings: Findings) -> Iterator[dict[str, Any]]:
+    if log.version is None and log.size:
+        text = "a log that has lost its beginning? --header-of OTHER reads it as rows of a log of the same config.txt"
+        yield {"event": "no_header", "text": text}
     for epoch in log.epochs[1:]:
         yield {"event": "reset", "text": f"{epoch.why}; now {epoch.first_us} us (byte {epoch.offset})", **asdict(epoch)}
     for name, rows in findings.disorder.items():
@@ -141,7 +144,8 @@ def clock_text(period: Period) -> str:
 
 def check_lines(name: str, log: Log, faults: list[dict[str, Any]], notes: list[dict[str, Any]]) -> Iterator[str]:
     """For people: the first of many faults of a kind, then how many more."""
-    yield f"{name}: {'good' if not faults else state(log)}, {log.row_count} rows, {log.verified_count} verified"
+    what = "good" if not faults else "whole, but with faults" if log.is_whole else state(log)
+    yield f"{name}: {what}, {log.row_count} rows, {log.verified_count} verified"
     shown: dict[str, int] = {}
     for each in faults:
         shown[each["event"]] = shown.get(each["event"], 0) + 1

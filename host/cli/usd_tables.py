@@ -43,6 +43,8 @@ def new_file(path: str | Path, force: bool) -> Iterator[IO[bytes]]:
     try:
         if target.exists() and not force:
             raise LocalError(f"{target}: exists, and is not overwritten without --force")
+        if target.exists() and not target.is_file():  # a device would be gone
+            raise LocalError(f"{target}: a folder, a pipe or a device: name a file")
         file = part.open("w+b" if force else "x+b")
     except FileExistsError as error:
         raise LocalError(f"{part}: exists, left by a command that was stopped: remove it, or use --force") from error

@@ -3,6 +3,7 @@
 import csv
 import errno
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,17 @@ def test_check(logs: dict[str, Path], capsys: pytest.CaptureFixture[str]) -> Non
     assert damage["offset"] + damage["size"] == 5000
     assert main(["usd", "check", str(logs["empty"])]) == 4
     assert "power goes" in capsys.readouterr().out
+
+
+def test_a_file_that_cannot_be_read_does_not_keep_the_others_from_it(
+    logs: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for verb in ("info", "check"):
+        assert main(["usd", verb, str(tmp_path / "nowhere"), str(tmp_path), str(logs["whole"])]) == 2
+        shown = capsys.readouterr()
+        assert "No such file" in shown.err
+        assert shown.err.count("\n") == 2
+        assert shown.out.startswith(f"{logs['whole']}: ")
 
 
 def test_a_good_log_is_good(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -171,6 +183,19 @@ def test_nothing_is_overwritten(logs: dict[str, Path], tmp_path: Path, capsys: p
     assert there.read_text() == "precious"
     assert main(["usd", "repair", str(logs["whole"]), "-o", str(logs["whole"]), "--force"]) == 2
     assert sorted(each.name for each in tmp_path.iterdir()) == ["cut", "empty", "other", "there.npz", "whole"]
+
+
+def test_what_is_no_file_is_not_replaced(
+    logs: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipe, folder = tmp_path / "pipe", tmp_path / "folder.npz"
+    os.mkfifo(pipe)
+    folder.mkdir()
+    for verb, out in (("repair", pipe), ("decode", folder)):
+        assert main(["usd", verb, str(logs["whole"]), "-o", str(out), "--force"]) == 2
+        assert "name a file" in capsys.readouterr().err
+    assert pipe.is_fifo()
+    assert not list(tmp_path.glob("*.part"))
 
 
 @pytest.mark.parametrize(

@@ -153,6 +153,12 @@ def test_the_command(own: bytes, other: bytes, tmp_path: Path, capsys: pytest.Ca
     assert not (tmp_path / "no.npz").exists()
     assert run("decode", "broken", "yes.npz", "other") == 0
     assert "unverified" in capsys.readouterr().err
+    assert main(["usd", "check", str(tmp_path / "broken")]) == 4
+    assert "--header-of OTHER" in capsys.readouterr().out
+    assert main(["usd", "check", str(tmp_path / "broken"), "--header-of", str(tmp_path / "other")]) == 4
+    shown = capsys.readouterr().out
+    assert "rows are read as those of another log" in shown
+    assert " 0 verified" not in shown
     assert run("repair", "broken", "mended", "other") == 0
     capsys.readouterr()
     assert main(["usd", "info", str(tmp_path / "mended")]) == 0
