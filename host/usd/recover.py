@@ -17,7 +17,7 @@ from .header import BACK_US
 from .headerless import WHY
 from .log import ByteRange, Damage
 from .pieces import Piece
-from .rows import CRC_BYTES, RowReader, Walk, filling
+from .rows import CRC_BYTES, RowReader, Walk, filling, unwritten
 from .statuses import Run, find_stale, header_doubt, own_session, read_statuses, sessions
 
 LONG_HOLE_US = 3_600_000_000
@@ -174,8 +174,11 @@ def reason(reader: RowReader, walk: Walk, begin: int, end: int) -> str:
         return "cut off inside a row"
     rest = "" if end < size else ", and no rows follow"
     if walk.why == lib.USD_TIME:
-        return f"a row whose time makes no sense{rest}"
-    return f"no row begins here{rest}"
+        why = f"a row whose time makes no sense{rest}"
+    else:
+        why = f"no row begins here{rest}"
+    part = unwritten(reader.data, begin, end)
+    return f"{why}: {part}" if part else why
 
 
 def closed(

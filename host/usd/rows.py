@@ -14,6 +14,7 @@ from .log import STATUS_VARIABLES, EventType
 
 MARKS_MAX = 4096
 CRC_BYTES = 4
+SECTOR_BYTES = 512
 U32_BYTES = 4
 STAMP_BYTES = {1: 4, 2: 8}
 
@@ -60,6 +61,18 @@ def filling(data: memoryview) -> str | None:
     if not values.any():
         return "zeros: never written"
     return "0xFF only: an erased part of the card" if values.min() == 0xFF else None
+
+
+def unwritten(data: memoryview, begin: int, end: int) -> str | None:
+    """Of bytes that nobody has written among others: the longest such part, if it has a sector's size."""
+    values = np.frombuffer(data, np.uint8)[begin:end]
+    for byte in (0, 0xFF):
+        borders = np.flatnonzero(np.concatenate([[True], values != byte, [True]]))
+        longest = int(np.argmax(np.diff(borders)))
+        first, behind = begin + int(borders[longest]), begin + int(borders[longest + 1]) - 1
+        if behind - first >= SECTOR_BYTES:
+            return f"bytes {first} to {behind} are {filling(data[first:behind])}"
+    return None
 
 
 class RowReader:

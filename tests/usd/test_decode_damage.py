@@ -5,6 +5,7 @@ SPINDECK_USD_CASES=1000 takes as many cases for each log and kind of damage; a f
 
 import os
 import random
+import re
 
 import pytest
 from logs import FIXED, VERSION_2, VERSION_2019, Writer, check_account, check_damaged, fill, real, spans
@@ -124,8 +125,21 @@ def test_stale_sectors_in_the_middle(own: bytes, old: bytes) -> None:
             check_damaged(log, own, begin)
             statuses = [(b, e) for number, b, e in spans(own) if number == 7]
             behind = next((e for b, e in statuses if b >= end), None)
-            if behind is not None and log.verified[-1].begin != behind:
+            if behind is not None:
                 assert log.verified[-1].begin == behind, seed
+
+
+@pytest.mark.parametrize(("byte", "word"), [(0x00, "zeros"), (0xFF, "0xFF only")])
+def test_a_damage_says_which_of_its_bytes_were_never_written(own: bytes, byte: int, word: str) -> None:
+    rows = spans(own)
+    begin, size = rows[len(rows) // 2][1] + 3, 5000  # In a row's stamp: what is left of the row is no filling.
+    blank = own[:begin] + bytes([byte]) * size + own[begin + size :]
+    damage = decode(blank).damages[0]
+    assert damage.offset < begin
+    found = re.search(rf"bytes (\d+) to (\d+) are {word}", damage.why)
+    assert found
+    assert begin - 8 < int(found[1]) <= begin
+    assert begin + size <= int(found[2]) < begin + size + 8
 
 
 def test_flipped_bits_with_status_rows(own: bytes) -> None:
