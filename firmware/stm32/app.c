@@ -166,6 +166,7 @@ static bool handle(stm32_t *self, const cpx_packet_t *packet, instant_t now) {
 }
 
 int stm32_receive(stm32_t *self, stm32_port_t port, bytes_t in, instant_t now) {
+    self->rests_us = 0;
     if (port == STM32_PORT_STORAGE) {
         self->answers_unknown += stm32_log_answer(&self->log, in, now) ? 0 : 1;
     }
@@ -232,7 +233,12 @@ size_t stm32_transmit(stm32_t *self, stm32_port_t port, bytes_mut_t out, instant
     if (out.size == 0) {
         return 0;
     }
-    run_timers(self, now);
+    if (now.up_us >= self->rests_us) {
+        self->rests_us = 0;
+        run_timers(self, now);
+    } else if (port != STM32_PORT_UART1) {
+        return 0;
+    }
     switch (port) {
     case STM32_PORT_UART1:
         return transmit_stamp(self, out.data, now);
@@ -249,13 +255,10 @@ static uint64_t earlier(uint64_t a_us, uint64_t b_us) {
     return a_us < b_us ? a_us : b_us;
 }
 
-uint64_t stm32_deadline(const stm32_t *self) {
+/// For all but UART1.
+static uint64_t others_us(const stm32_t *self) {
     uint64_t deadline_us = earlier(self->wifi_next_us, self->crtp_next_us);
     deadline_us = earlier(deadline_us, stm32_rows_deadline(self));
-    // The caller comes by itself when the byte that is on its way has left.
-    if (self->stamp_sent == self->stamp_size) {
-        deadline_us = earlier(deadline_us, self->stamp_next_us);
-    }
     if (!self->uart2_busy) {
         const bool loads = self->queue_fill > 0 && self->uart2.tx_size == 0;
         deadline_us = earlier(deadline_us, loads ? 0 : cpx_uart_deadline(&self->uart2));
@@ -263,4 +266,11 @@ uint64_t stm32_deadline(const stm32_t *self) {
         deadline_us = earlier(deadline_us, self->telemetry.next_us);
     }
     return deadline_us;
+}
+
+uint64_t stm32_deadline(stm32_t *self) {
+    const uint64_t deadline_us = self->rests_us != 0 ? self->rests_us : others_us(self);
+    // The caller comes by itself when the byte that is on its way has left.
+    self->rests_us = self->uart2_busy ? 0 : deadline_us;
+    return self->stamp_sent == self->stamp_size ? earlier(deadline_us, self->stamp_next_us) : deadline_us;
 }

@@ -70,7 +70,8 @@ typedef struct {
     uint64_t stamp_last_us; ///< stamp clock of the last message: going backwards starts a new epoch
     uint32_t stamp_sequence;
     uint8_t epoch;
-    bool uart2_busy; ///< a byte is on its way
+    bool uart2_busy;   ///< a byte is on its way
+    uint64_t rests_us; ///< uptime until when, if nothing is received, UART1 alone has bytes; 0: not known
     uint64_t wifi_next_us;
     uint64_t crtp_next_us;
     uint64_t report_next_us; ///< about the log; NEVER_US: the host has not asked
@@ -110,7 +111,9 @@ int stm32_receive(stm32_t *self, stm32_port_t port, bytes_t in, instant_t now);
 /// at the instant when the last byte has left: that instant is the time in a stamp message.
 size_t stm32_transmit(stm32_t *self, stm32_port_t port, bytes_mut_t out, instant_t now);
 
-/// The uptime at which stm32_transmit wants to be called even if nothing is received, or NEVER_US.
-uint64_t stm32_deadline(const stm32_t *self);
+/// The uptime at which stm32_transmit wants to be called even if nothing is received, or NEVER_US. Call
+/// it when all idle ports have been asked: one that had nothing is not looked at again before something is
+/// due.
+uint64_t stm32_deadline(stm32_t *self);
 
 #endif

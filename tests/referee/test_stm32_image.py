@@ -93,9 +93,9 @@ def simulated(config: Any, wishes: list[tuple[int, int]], end_us: int) -> tuple[
         assert lib.kernel_trace(kernel, lib.TRACE_FULL) == 0
         at_us = done_us = 0
         for wish_us, byte in wishes:
-            at_us = quiet_us(kernel, max(at_us + BYTE_US, wish_us))
+            at_us = quiet_us(kernel, max(at_us + BYTE_US, wish_us), end_us)
             before_us, done_us = done_us, work_us(kernel)
-            at_us = quiet_us(kernel, at_us + done_us - before_us)
+            at_us = quiet_us(kernel, at_us + done_us - before_us, end_us)
             if at_us + BUSY_US > end_us:
                 break
             given.append((at_us, byte))
@@ -121,14 +121,15 @@ def work_us(kernel: Any) -> int:
     return int(packets * PACKET_US + (sent + uart2.garbage_bytes) * BYTE_US)
 
 
-def quiet_us(kernel: Any, at_us: int) -> int:
-    """Lets time pass to the first uptime from then on that is far from what the STM32 does by itself."""
-    while (due_us := lib.stm32_deadline(lib.kernel_stm32(kernel, 0))) <= at_us + BUSY_US:
-        if due_us * 1000 <= lib.kernel_now_ns(kernel):
+def quiet_us(kernel: Any, at_us: int, end_us: int) -> int:
+    """Lets time pass to the first uptime from then on that is far from what the STM32 does by itself; to the end, if
+    that is later."""
+    while (due_us := lib.stm32_deadline(lib.kernel_stm32(kernel, 0))) <= min(at_us, end_us) + BUSY_US:
+        if due_us > end_us or due_us * 1000 <= lib.kernel_now_ns(kernel):
             break
         at_us = max(at_us, due_us + BUSY_US)
         assert lib.kernel_run(kernel, due_us * 1000, -1, 0) == 0
-    assert lib.kernel_run(kernel, at_us * 1000, -1, 0) == 0
+    assert lib.kernel_run(kernel, min(at_us, end_us) * 1000, -1, 0) == 0
     return at_us
 
 
