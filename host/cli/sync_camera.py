@@ -17,6 +17,7 @@ from . import sync_camera_film, sync_stamps
 from .as_json import line
 from .sync_camera_film import Recorded
 from .sync_gyro import source_of
+from .sync_stamps_read import read
 from .usd import load, warn
 
 END, MIDDLE_ROW = "end of frame", "middle of exposure of the middle row"
@@ -88,7 +89,7 @@ def check(arguments: argparse.Namespace) -> None:
 
 def restamped(file: str, robot: int) -> dict[int, tuple[float, float]] | None:
     """Times and bounds by frame, from all messages; None when the frames' own times are all there is."""
-    source = sync_stamps.read(file, robot)
+    source = read(file, robot)
     made = sync_stamps.work_out(source) if "native" in source.dialects or "nanocockpit" in source.dialects else None
     if made is None or not len(made.frame):
         return None

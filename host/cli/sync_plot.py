@@ -38,7 +38,7 @@ def shapes(result: Stamped, from_us: float, to_us: float) -> Iterator[Shape]:
     at = np.concatenate([each[0] for each in delays])
     late = np.concatenate([each[1] for each in delays])
     knots = np.concatenate([each.begin_us + each.smoothed.track.time_s * 1e6 for each in result.fitted])
-    drift = np.concatenate([each.smoothed.track.rate_ppm - each.drift_ppm for each in result.fitted])
+    drift = np.concatenate([against_stm32(each.smoothed.track.rate_ppm) - each.drift_ppm for each in result.fitted])
     high = float(np.quantile(late, 0.99))
     yield from panel(0, "messages late, us", x(at), late, BLUE, (min(0.0, float(late.min())), high))
     yield from panel(1, "rate less its mean, ppm", x(knots), drift, GREEN)
@@ -51,6 +51,11 @@ def shapes(result: Stamped, from_us: float, to_us: float) -> Iterator[Shape]:
     for k in range(int((to_us - from_us) * 1e-6 / step) + 1):
         yield Words(float(x(from_us + k * step * 1e6)), bottom + 18, decimal(k * step, step), 11, "middle", GREY)
     yield Words(WIDTH - RIGHT, bottom + 36, "s of the GAP8", 12, "end", GREY)
+
+
+def against_stm32(rate_ppm: Floats) -> Floats:
+    """Of a rate over the GAP8's time."""
+    return rate_ppm / (1 - rate_ppm * 1e-6)
 
 
 def delay_of(result: Stamped, each: Fitted) -> tuple[Any, Any]:

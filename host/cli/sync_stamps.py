@@ -1,4 +1,4 @@
-"""`host sync stamps`: what it reads out of a recording, and what it says."""
+"""`host sync stamps`: what it says."""
 
 from __future__ import annotations
 
@@ -6,19 +6,17 @@ import argparse
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..clock.stamps import WIRE_US, Stamped, stamp
-from ..link.records import PAIR_DTYPE, Frame
+from ..clock.stamps import Stamped, stamp
 from ..link.restamp import Restamped
 from ..protocol.errors import LocalError, PeerError
 from . import sync_apply
 from .as_json import line
+from .sync_stamps_read import Source, read
 
-NANOCOCKPIT_WIRE_US = 40 * 10 * 365 / 42
 CANNOT = {
     "stock": "stock frames carry no time and no message of the STM32's: nothing can be worked out but their arrival;"
     " use native firmware",
@@ -31,31 +29,8 @@ NANOCOCKPIT = (
     "NanoCockpit frames bring the last state alone: between frames all others are lost, and as released its STM32 time"
     " is a tick of 1 ms"
 )
-UNSEEN = "a delay that every message has beyond the wire; how late the GAP8 reads its clock at the end of a frame"
-
-
-@dataclass(frozen=True, slots=True)
-class Source:
-    """One robot's frames, in their order, and all messages with both clocks."""
-
-    robot: int
-    dialects: dict[str, int]
-    """Frames by firmware."""
-    stm32: np.ndarray[Any, np.dtype[np.uint64]]
-    gap8: np.ndarray[Any, np.dtype[np.uint64]]
-    resets: np.ndarray[Any, np.dtype[np.int64]] | None
-    index: list[int]
-    """Of each frame with a GAP8 time, in the recording ..."""
-    number: list[int]
-    """... and on the robot."""
-    arrival_ns: list[int]
-    """On the host's clock, likewise."""
-    frame_gap8: np.ndarray[Any, np.dtype[np.uint64]]
-    frame_after: np.ndarray[Any, np.dtype[np.int64]]
-    own_stm32_us: np.ndarray[Any, np.dtype[np.float64]]
-    """The robot's estimates; NaN: none."""
-    in_ms: bool
-    wire_us: float
+UNSEEN = "a delay that every message has beyond the wire; how late the GAP8 reads its clock at every frame"
+ALL_LATE = "a delay that every message has beyond the wire; how late the GAP8 reads its clock at the end of a frame"
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -66,6 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     from .usd_tables import new_file
 
     code = 0
+    if arguments.row and not arguments.apply:
+        raise LocalError("--row: its times are in what --apply OUT writes: add it")
     if arguments.apply:
         sync_apply.check(arguments.file, arguments.apply)
     times: dict[int, list[Restamped]] = {}
@@ -84,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
                 f"{arguments.file}: of {len(robots)} robots; choose one with --robot to draw, or to write a table"
             )
         for robot in robots:
-            source = read(arguments.file, robot)
+            source = read(arguments.file, robot, arguments.row)
             if not source.dialects:
                 raise PeerError(f"{arguments.file}: robot {robot}: no frame came whole")
             result = work_out(source)
@@ -101,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
         if (table or drawing) and not times:
             raise PeerError(f"{arguments.file}: no frame can be given a time, so nothing was written")
         if table:
-            sync_apply.write(arguments.file, arguments.apply, table, times)
+            sync_apply.write(arguments.file, arguments.apply, table, times, arguments.row is not None)
     return code
 
 
@@ -110,67 +87,7 @@ def work_out(source: Source) -> Stamped | None:
     if not source.index:
         return None
     all_times = source.stm32, source.gap8, source.frame_gap8, source.frame_after, source.resets
-    return stamp(*all_times, source.wire_us, 1000.0 if source.in_ms else 1.0)
-
-
-def read(name: str, robot: int) -> Source:
-    """All frames of one robot."""
-    from ..link.replay_url import to_url
-    from ..link.stream import open_stream
-
-    dialects: Counter[str] = Counter()
-    pairs: list[Any] = []
-    states: list[tuple[int, int]] = []
-    index: list[int] = []
-    numbers: list[int] = []
-    arrivals: list[int] = []
-    gap8: list[int] = []
-    after: list[int] = []
-    own: list[float] = []
-    messages = 0
-    with open_stream(to_url(name, pace="max", robot=robot), timeout=None) as stream:
-        for frame in stream:
-            dialects[frame.dialect] += 1
-            if frame.pairs is not None:
-                pairs.append(frame.pairs)
-                messages += len(frame.pairs)
-            elif frame.nanocockpit and frame.nanocockpit.state_gap8_us:
-                states.append((frame.nanocockpit.state.stm32_time, frame.nanocockpit.state_gap8_us))
-                messages += 1
-            if frame.native or frame.nanocockpit:
-                index.append(frame.index)
-                numbers.append(number_of(frame))
-                arrivals.append(frame.arrival_host_ns)
-                gap8.append((frame.native or frame.nanocockpit).frame_gap8_us)  # type: ignore[union-attr]
-                after.append(messages)
-                own.append(np.nan if frame.frame_stm32_us is None else float(frame.frame_stm32_us))
-    in_ms = False
-    if pairs:
-        table = np.concatenate([np.empty(0, PAIR_DTYPE), *pairs])
-        stm32, arrived, resets = table["stm32_us"], table["gap8_us"], table["epoch"].astype(np.int64)
-    else:
-        both = np.array(states, np.uint64).reshape(-1, 2)
-        stm32, arrived, resets = both[:, 0], both[:, 1], None
-        in_ms = counts_ms(stm32, arrived)
-        stm32 = stm32 * np.uint64(1000 if in_ms else 1)
-    return Source(
-        robot, dict(dialects), stm32, arrived, resets, index, numbers, arrivals, np.array(gap8, np.uint64),
-        np.array(after, np.int64), np.array(own), in_ms, WIRE_US if pairs else NANOCOCKPIT_WIRE_US,
-    )  # fmt: skip
-
-
-def number_of(frame: Frame) -> int:
-    if frame.native:
-        return frame.native.frame
-    return frame.nanocockpit.frame_id if frame.nanocockpit else frame.index
-
-
-def counts_ms(stm32: Any, gap8: Any) -> bool:
-    """NanoCockpit's wire does not say whether its STM32 time is ticks of 1 ms, or us."""
-    if len(stm32) < 3:
-        return False
-    passed = np.diff(gap8.astype(np.int64))
-    return float(np.median(np.diff(stm32.astype(np.int64))[passed > 0] / passed[passed > 0])) < 0.1
+    return stamp(*all_times, source.wire_us, 1000.0 if source.in_ms else 1.0, source.readings)
 
 
 def as_record(name: str, source: Source, result: Stamped | None) -> dict[str, Any]:
@@ -192,12 +109,18 @@ def as_record(name: str, source: Source, result: Stamped | None) -> dict[str, An
         "messages_dropped": result.sorted.dropped,
         "gap8_tick_us": result.gap8_tick_us,
         "stm32_tick_us": result.stm32_tick_us,
-        "not_in_bound": UNSEEN,
+        "not_in_bound": unseen(result),
+        "frames_paced": int(result.ends.paced[result.frame].sum()),
+        "read_late_us": None if result.ends.late_us is None else round(result.ends.late_us, 1),
         "wire_us": round(result.wire_us, 1),
         "bound_us_median": median(result.bound_us),
         "own_error_us": own_error(source, result),
         "epochs": [epoch_record(result, number) for number in range(len(result.fitted))],
     }
+
+
+def unseen(result: Stamped) -> str:
+    return UNSEEN if result.ends.told else ALL_LATE
 
 
 def median(values: Any) -> float | None:
@@ -273,5 +196,10 @@ def lines(name: str, source: Source, result: Stamped | None) -> Iterator[str]:
             )
         for why, count in record["refused"].items():
             yield f"  refused   {count} frames: {why}"
-        yield f"  unseen    {UNSEEN}"
+        if record["read_late_us"] is not None:
+            yield (
+                f"  frames    {record['frames_paced']} of one pace: their ends were read late by"
+                f" {record['read_late_us']:.1f} us on average, taken off"
+            )
+        yield f"  unseen    {unseen(result)}"
     yield from (f"  note      {each}" for each in record["notes"])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .allan import Steadiness, allan_deviation
+from .frame_ends import Ends, Readings, as_read, frame_ends
 from .smoother import BLOCK_PAIRS, Smoothed, smooth
 from .ticks import Epoch, Floats, Ints, Sorted, sort, tick_us
 
@@ -75,6 +76,13 @@ class Stamped:
     """By frame."""
     wire_us: float
     """Taken off each message's delay."""
+    ends: Ends
+    """Of all frames."""
+
+    @property
+    def stm32_per_gap8(self) -> Floats:
+        """How fast the STM32's clock runs on the GAP8's, of each frame."""
+        return 1 / (1 + 1e-6 * np.array([each.drift_ppm for each in self.fitted])[self.epoch])
 
 
 def stamp(
@@ -85,13 +93,17 @@ def stamp(
     resets: Ints | None = None,
     wire_us: float = 0.0,
     stm32_tick_us: float = 1.0,
+    readings: Readings | None = None,
 ) -> Stamped:
     """As ticks.sort takes them. `wire_us`: how long a message is on the wire. The GAP8's ticks show in its readings,
-    the STM32's do not: it may send at whole milliseconds on a clock of 1 us."""
+    the STM32's do not: it may send at whole milliseconds on a clock of 1 us. Without `readings` frames have ended when
+    the GAP8 read its clock."""
     ticks = tick_us(gap8), stm32_tick_us
     all_ = sort(stm32, gap8, frame_gap8, frame_after, resets, max(ticks))
     fitted = tuple(fit(all_, each, max(ticks), wire_us) for each in all_.epochs if is_enough(all_, each))
-    frames = all_.frame_gap8_us.astype(np.float64) + ticks[0] / 2
+    read_us = all_.frame_gap8_us
+    ends = frame_ends(read_us, all_.frame_boot, readings, ticks[0]) if readings else as_read(read_us, ticks[0])
+    frames = ends.gap8_us
     value, bound = np.zeros(len(frames)), np.full(len(frames), np.inf)
     owner = np.full(len(frames), -1)
     why = refusals(all_, fitted, frames)
@@ -102,13 +114,13 @@ def stamp(
         knots = each.smoothed.track
         # Ticks are read as their middle, on both clocks; the half tick of the STM32's is what it is on average.
         value[mine] = frames[mine] - each.base_us - knots.at(at_s) - (ticks[0] - ticks[1]) / 2 + each.wire_stm32_us
-        mine_bound = np.interp(at_s, knots.time_s, each.smoothed.bound_us) + (ticks[0] + ticks[1]) / 2
-        bound[mine] = mine_bound + away_us(all_, each, frames[mine])
+        mine_bound = np.interp(at_s, knots.time_s, each.smoothed.bound_us) + ticks[1] / 2
+        bound[mine] = mine_bound + away_us(all_, each, frames[mine]) + ends.bound_us[mine]
         owner[mine] = number
     given = (owner >= 0) & (bound <= BOUND_US_MAX)
     refused = {int(frame): REFUSALS[why[frame]] for frame in np.flatnonzero(~given)}
     return Stamped(
-        fitted, all_, *ticks, np.flatnonzero(given), value[given], bound[given], owner[given], refused, wire_us
+        fitted, all_, *ticks, np.flatnonzero(given), value[given], bound[given], owner[given], refused, wire_us, ends
     )
 
 
@@ -123,7 +135,8 @@ def fit(all_: Sorted, epoch: Epoch, coarse_us: float, wire_us: float) -> Fitted:
     offset = (gap8 - stm32 - base).astype(np.float64)
     made = smooth(time_s, offset, coarse_us)
     curve = made.track
-    drift = float(np.polyfit(curve.time_s, curve.offset_us, 1)[0])
+    slope = float(np.polyfit(curve.time_s, curve.offset_us, 1)[0])  # over the GAP8's time
+    drift = slope / (1 - slope * 1e-6)
     step_s = max(float(np.median(np.diff(curve.time_s))), 1e-3)
     even = step_s * np.arange(int(curve.time_s[-1] / step_s), dtype=np.float64)
     late = [float(offset[k] - curve.at(time_s[k : k + 1] if k == 0 else time_s[k:])[0]) for k in (0, -1)]

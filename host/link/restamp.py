@@ -34,6 +34,8 @@ class Restamped:
     """99 %, either side."""
     epoch: int | None
     refused: str | None
+    row_stm32_us: float | None = None
+    """Middle of the exposure of the row that was asked for; its bound is that of the end of frame."""
 
 
 def add_times(path: str, out: IO[bytes], times: Mapping[int, Sequence[Restamped]]) -> None:

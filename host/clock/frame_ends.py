@@ -1,0 +1,108 @@
+"""When frames ended, from readings of the GAP8's clock that interrupts made late.
+
+Frames that began at an even pace end at one, and a reading can only be late: what messages' delays are to the clocks'
+offset, the readings' lateness is to the pace. A lateness that every reading has cannot be seen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .envelope import FINE_US
+from .smoother import BLOCK_PAIRS, smooth
+from .ticks import Floats, Ints
+
+APART_US = 1000.0
+"""By more than this and twice the latest reading off the pace, and another one has begun."""
+STEPS_MAX = 1000
+"""Frames that may be missing in a row."""
+LATEST = math.log(100)
+"""Mean latenesses that 99 % of readings stay below."""
+ALONE = 0.9
+"""Share of a stretch's frames of which the robot says that it knows no more than from one reading."""
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """Of one robot's frames, in their order."""
+
+    number: Ints
+    """Of its place in the camera's pace, where nothing is missing."""
+    mode: Ints
+    """The camera's settings, as a number: another one moves the end of frame."""
+    latency_us: Floats
+    """How well the robot itself says that it knows how late it read its clock, 99 %; NaN: it says nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ends:
+    gap8_us: Floats
+    bound_us: Floats
+    """How far off that may be by the readings' lateness and their ticks, 99 %, either side."""
+    paced: NDArray[np.bool_]
+    """Found from the pace; the others are as they were read, in the middle of their tick."""
+    told: bool
+    """The robot says how late readings may be, so that this is in the bound."""
+    late_us: float | None
+    """Mean of the readings' lateness that was found and taken off."""
+
+
+def as_read(gap8_us: Ints, tick_us: float) -> Ends:
+    """Where nothing is known of the lateness, and nothing of it in the bound."""
+    count = len(gap8_us)
+    middle_us = gap8_us.astype(np.float64) + tick_us / 2
+    return Ends(middle_us, np.full(count, tick_us / 2), np.zeros(count, np.bool_), False, None)
+
+
+def frame_ends(gap8_us: Ints, boot: Ints, readings: Readings, tick_us: float) -> Ends:
+    """`gap8_us` unwrapped, in whole ticks of `tick_us`; `boot`: how often the GAP8 had started anew."""
+    ends = as_read(gap8_us, tick_us)
+    told_us = readings.latency_us[~np.isnan(readings.latency_us)]
+    if not told_us.any():
+        return ends
+    most_us = float(told_us.max())
+    ends.bound_us[:] += most_us
+    late: list[Floats] = []
+    for mine in stretches(gap8_us, boot, readings, APART_US + 2 * most_us):
+        told_us = readings.latency_us[mine]
+        told_us = told_us[~np.isnan(told_us)]
+        if not len(told_us) or (told_us >= most_us).mean() > ALONE:
+            continue
+        end_us, bound_us, off = pace(ends.gap8_us[mine], readings.number[mine], tick_us)
+        late.append((ends.gap8_us[mine] - end_us)[~off])
+        on = mine[~off]
+        ends.gap8_us[on], ends.bound_us[on], ends.paced[on] = end_us[~off], bound_us[~off], True
+    mean_us = float(np.concatenate(late).mean()) if late else None
+    return Ends(ends.gap8_us, ends.bound_us, ends.paced, True, mean_us)
+
+
+def stretches(gap8_us: Ints, boot: Ints, readings: Readings, apart_us: float) -> list[Ints]:
+    """Places of frames that may be of one pace, enough for a curve."""
+    step_us, steps = np.diff(gap8_us), np.diff(readings.number)
+    same = (np.diff(boot) == 0) & (np.diff(readings.mode) == 0) & (steps > 0) & (steps <= STEPS_MAX)
+    found = []
+    for part in np.split(np.arange(len(gap8_us)), np.flatnonzero(~same) + 1):
+        if len(part) < 2 * BLOCK_PAIRS:
+            continue
+        inside = part[:-1]
+        period_us = float(np.median(step_us[inside] / steps[inside]))
+        off = np.abs(step_us[inside] - period_us * steps[inside]) > apart_us
+        found += [each for each in np.split(part, np.flatnonzero(off) + 1) if len(each) >= 2 * BLOCK_PAIRS]
+    return found
+
+
+def pace(read_us: Floats, number: Ints, tick_us: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Ends of frames, their bounds, and which of the readings are too late for chance: these frames began late."""
+    count = number - number[0]
+    period_us = float((read_us[-1] - read_us[0]) / count[-1])
+    due_s: Floats = period_us * 1e-6 * count
+    base_us = read_us[0]
+    made = smooth(due_s, read_us - base_us - due_s * 1e6, tick_us)
+    end_us = base_us + due_s * 1e6 + made.track.at(due_s)
+    bound_us = np.interp(due_s, made.track.time_s, made.bound_us) + min(tick_us, FINE_US) / 2
+    most_us = 2 * (LATEST * float(made.mu_us.max()) + tick_us) + bound_us
+    return end_us, bound_us, np.abs(read_us - end_us) > most_us
