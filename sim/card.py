@@ -7,11 +7,10 @@ does. Everything random is drawn from its seed. Sectors exist only here: the por
 
 from __future__ import annotations
 
-import math
 import struct
 import weakref
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from host.protocol.errors import LocalError
 from . import card_fatfs as fatfs
 from .card_format import SECTOR, formatted
 from .card_sectors import Recording, Request, Sectors
+from .card_times import Times
 
 CREATE, OPEN, READ, WRITE, SEEK, TRUNCATE, SYNC, CLOSE = range(1, 9)
 NO_FILE, EXISTS, FULL, DISK, NO_CARD = range(-1, -6, -1)
@@ -31,19 +31,10 @@ ERRORS = {
     fatfs.DENIED: FULL,
     fatfs.NOT_READY: NO_CARD,
 }
-COMMAND_BYTES: Final = 8
-"""On the bus: six of the command, and the answer."""
-BLOCK_BYTES: Final = 1 + SECTOR + 2 + 1
-"""Token, data, CRC, the card's answer."""
-STOP_BYTES: Final = 2
-"""Ends a command of several blocks."""
-Z_99: Final = 2.3263478740408408
-"""Standard deviations above the median that 1 % of a normal distribution exceed."""
-NS: Final = 1_000_000_000
 
 
 class Card:
-    """A new card. Stalls are log-normal: one in each request that writes sectors."""
+    """A new card."""
 
     def __init__(
         self,
@@ -63,9 +54,8 @@ class Card:
         self.layout, sectors = formatted(size_mb, free_mb, seed)
         self.sectors = Sectors(self.layout.sectors, sectors, bad, self.layout.data, seed)
         self.removed_ns = removed_ns
-        self._byte_ns = 8 * NS / spi_hz
-        self._stall = (stall_ms, math.log(max(stall_p99_ms / stall_ms, 1)) / Z_99, stall_max_ms) if stall_ms else None
         self._random = np.random.default_rng([seed, size_mb])
+        self.times = Times(self._random, spi_hz, stall_ms, stall_p99_ms, stall_max_ms)
         self._library = fatfs.load()
         weakref.finalize(self, fatfs.give_back, self._library)
         self._fat: fatfs.FatFs | None = None
@@ -84,7 +74,8 @@ class Card:
         self.sectors.present = not self._removed(true_ns)
         operation, arguments = request[0], request[1:]
         result, data = self._do(operation, arguments) if self.sectors.present else (NO_CARD, b"")
-        duration_ns = self._timed(true_ns)
+        duration_ns, ends_ns = self.times.of(self.sectors.commands)
+        self._ends_ns = [true_ns + each for each in ends_ns[: len(self.sectors.replaced)]]
         if self._removed(true_ns + duration_ns):
             if self.sectors.present:
                 assert self.removed_ns is not None
@@ -150,14 +141,22 @@ class Card:
         """The card as an image, with holes where nothing was ever written; a file that exists is left alone."""
         try:
             with Path(path).open("xb") as out:
-                out.truncate(self.sectors.count * SECTOR)
-                for sector, data in sorted(self.sectors.sectors.items()):
-                    out.seek(sector * SECTOR)
-                    out.write(data)
+                try:
+                    self._write_image(out)
+                except BaseException:
+                    Path(path).unlink()  # A part of an image would pass for one.
+                    raise
         except FileExistsError:
             raise LocalError(f"{path} exists and is not overwritten: name another file, or remove it") from None
         except OSError as error:
             raise LocalError(f"{path}: {error.strerror}") from error
+
+    def _write_image(self, out: IO[bytes]) -> None:
+        out.truncate(self.sectors.count * SECTOR)
+        for sector, data in sorted(self.sectors.sectors.items()):
+            out.seek(sector * SECTOR)
+            out.write(data)
+        out.flush()
 
     def image(self) -> bytes:
         """All of it at once; save() for large cards."""
@@ -262,40 +261,8 @@ class Card:
             raise LocalError(f"the card cannot be mounted (FatFs {self._fat.mounted})")
         return self._fat
 
-    # Time.
-
     def _removed(self, true_ns: int) -> bool:
         return self.removed_ns is not None and true_ns >= self.removed_ns
-
-    def _timed(self, true_ns: int) -> int:
-        """Gives each written sector its time; the stall is in one of the writing commands."""
-        commands = self.sectors.commands
-        writing = [number for number, each in enumerate(commands) if each.write]
-        stall_ns, stalled = self.draw_stall_ns(), -1
-        if writing:
-            stalled = writing[int(self._random.integers(len(writing)))]
-        self._ends_ns = []
-        passed = 0.0
-        for number, each in enumerate(commands):
-            passed += COMMAND_BYTES * self._byte_ns
-            for _ in range(each.count):
-                passed += BLOCK_BYTES * self._byte_ns
-                if each.write:
-                    self._ends_ns.append(true_ns + passed)
-            if each.count > 1:
-                passed += STOP_BYTES * self._byte_ns
-            if number == stalled:
-                passed += stall_ns
-                if self._ends_ns:
-                    self._ends_ns[-1] = true_ns + passed
-        self._ends_ns = self._ends_ns[: len(self.sectors.replaced)]
-        return round(passed)
-
-    def draw_stall_ns(self) -> float:
-        if self._stall is None:
-            return 0.0
-        median_ms, sigma, most_ms = self._stall
-        return float(min(median_ms * math.exp(sigma * self._random.standard_normal()), most_ms)) * 1e6
 
 
 def error_of(result: int) -> int:

@@ -173,10 +173,7 @@ def reason(reader: RowReader, walk: Walk, begin: int, end: int) -> str:
     if end == size and walk.why == lib.USD_CUT:
         return "cut off inside a row"
     rest = "" if end < size else ", and no rows follow"
-    if walk.why == lib.USD_TIME:
-        why = f"a row whose time makes no sense{rest}"
-    else:
-        why = f"no row begins here{rest}"
+    why = f"a row whose time makes no sense{rest}" if walk.why == lib.USD_TIME else f"no row begins here{rest}"
     part = unwritten(reader.data, begin, end)
     return f"{why}: {part}" if part else why
 

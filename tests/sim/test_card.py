@@ -7,8 +7,6 @@ import subprocess
 import numpy as np
 import pytest
 
-from host.protocol.errors import LocalError
-
 pytest.importorskip("fatfs", reason="fatfs-ng is not installed: pip install 'spindeck[card]'")
 
 from sim.card import CLOSE, CREATE, DISK, EXISTS, FULL, NO_CARD, NO_FILE, OPEN, READ, SEEK, SYNC, TRUNCATE, WRITE, Card
@@ -143,7 +141,7 @@ def test_time_on_the_bus():
 
 def test_stalls_have_the_stated_quantiles():
     card = Card(16, seed=5)
-    drawn_ms = np.array([card.draw_stall_ns() for _ in range(200_000)]) / 1e6
+    drawn_ms = np.array([card.times.draw_stall_ns() for _ in range(200_000)]) / 1e6
     assert np.median(drawn_ms) == pytest.approx(2, rel=0.02)
     assert (drawn_ms > 100).mean() == pytest.approx(0.01, rel=0.08)
     assert drawn_ms.max() == 500
@@ -297,15 +295,3 @@ def test_without_a_sync_all_is_lost():
         port(WRITE, sample(1000))
     port.card.cut(port.now_ns)
     assert port.card.get("log00") == b""
-
-
-def test_images_are_never_overwritten(tmp_path):
-    card = Card(16)
-    card.put("config.txt", b"1\n")
-    path = tmp_path / "card.img"
-    card.save(str(path))
-    assert path.read_bytes() == card.image()
-    with pytest.raises(LocalError, match="not overwritten"):
-        card.save(str(path))
-    with pytest.raises(LocalError, match="No such file"):
-        card.save(str(tmp_path / "nowhere" / "card.img"))
