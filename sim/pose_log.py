@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .panorama import Floats
+from .bmi088 import LSB_DPS, Floats, as_logged
 from .row_log import FIXED, Block, row_log
-from .teeterboard import LSB_DPS
-from .turned_camera import FINE_S, Motion, Turned, filtered
+from .turned_camera import FINE_S, Motion, Turned
 
 START_US = 12_000_000
 
@@ -31,8 +30,6 @@ class Flight:
     """Of the poses, on the radio."""
     estimate_lag_us: float = 6_000.0
     estimate_noise_deg: float = 0.05
-    filters_hz: tuple[float, ...] = (116.0, 80.0)
-    """The gyro's."""
     gyro_noise_dps: float = 0.12
     bias_dps: float = 0.3
     gain: float = 1.01
@@ -46,7 +43,7 @@ def pose_log(flight: Flight) -> bytes:
     turned = Turned(flight.motion, flight.seconds, flight.seed)
     begin_s, end_s = 0.2, flight.seconds - 0.2
     row_s = np.arange(begin_s, end_s, 1 / flight.hz)
-    rate = np.degrees(filtered(turned.rate(turned.time_s), FINE_S, flight.filters_hz)) * flight.gain + flight.bias_dps
+    rate = np.degrees(as_logged(turned.rate(turned.time_s), FINE_S)) * flight.gain + flight.bias_dps
     gyro = np.stack([np.interp(row_s, turned.time_s, rate[:, axis]) for axis in range(3)], axis=1)
     gyro = np.round((gyro + random.normal(0, flight.gyro_noise_dps, gyro.shape)) / LSB_DPS) * LSB_DPS
     estimate = seen(turned, row_s - flight.estimate_lag_us * 1e-6, flight.estimate_noise_deg, 0.0, random)

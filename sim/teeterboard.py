@@ -3,8 +3,7 @@
 The board turns about one axis: it rocks slowly, and at each impact there is a blow of 2 ms (240 to 560 deg/s) that
 makes it ring at 75 Hz. Each robot has a gyro as the Crazyflie's (BMI088: 16 bits of 2000 deg/s, 0.014 deg/s per root Hz
 and 1 kHz by the data sheet, its filter of 116 Hz; then the firmware's low pass of 80 Hz) that runs on an oscillator of
-its own, and logs each sample with the STM32's microseconds, synchronously. That the filter of 116 Hz has two poles is
-our assumption: the data sheet says the bandwidth only.
+its own, and logs each sample with the STM32's microseconds, synchronously.
 """
 
 from __future__ import annotations
@@ -16,15 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .bmi088 import LSB_DPS, ODR_HZ, Floats, firmware_response, sensor_response
 from .row_log import FIXED, Block, row_log
 
-Floats = NDArray[np.float64]
-
 DENSITY_DPS_RTHZ = 0.014
-BMI088_HZ = 116.0
-FIRMWARE_HZ = 80.0
-ODR_HZ = 1000.0
-LSB_DPS = 2000.0 / 32768
 FINE = 8
 """The sensor is simulated so many times faster than it gives samples."""
 QUIET_S = 1.0
@@ -176,7 +170,7 @@ def sensor(fine: Floats) -> Floats:
 
 
 def firmware(samples: Floats) -> Floats:
-    """lpf2pApply of the Crazyflie's firmware at 1 kHz, from rest."""
+    """The low pass of the Crazyflie's firmware, from rest."""
     return filtered(samples, ODR_HZ, firmware_response)
 
 
@@ -189,17 +183,6 @@ def filtered(samples: Floats, hz: float, response: Callable[[Floats], NDArray[np
 def frequencies(count: int, hz: float) -> Floats:
     """Of rfft."""
     return np.fft.rfftfreq(count, 1 / hz).astype(np.float64)
-
-
-def sensor_response(hz: Floats) -> NDArray[np.complex128]:
-    s = 1j * hz / BMI088_HZ
-    return np.asarray(1 / (1 + np.sqrt(2) * s + s * s))
-
-
-def firmware_response(hz: Floats) -> NDArray[np.complex128]:
-    """Butterworth of two poles by the bilinear transform."""
-    s = 1j * np.tan(np.pi * hz / ODR_HZ) / np.tan(np.pi * FIRMWARE_HZ / ODR_HZ)
-    return np.asarray(1 / (1 + np.sqrt(2) * s + s * s))
 
 
 def noise_density(board: Board, hz: Floats) -> Floats:

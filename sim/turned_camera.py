@@ -8,13 +8,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from .bmi088 import LSB_DPS, as_logged, lag_s
 from .panorama import Floats, Optics, panorama, render
 
 Motion = Literal["teeter", "yaw", "still", "spin"]
 FINE_S = 2e-4
 TEETER_DEG = 15.0
-LOOP_HZ = 1000.0
-"""At which the firmware filters."""
 TEETER_S = 0.25
 """From one side of the board to the other: slowly at first, and with a knock at the end ..."""
 KNOCK_S = 4e-3
@@ -30,15 +29,14 @@ class Gyro:
     """Of each row."""
     bias_deg_s: float = 0.3
     gain: float = 0.01
-    quantum_deg_s: float = 2000 / 32768
-    filters_hz: tuple[float, ...] = (116.0, 80.0)
-    """Butterworth's of two poles each, at LOOP_HZ: the firmware's is of 80 Hz; the sensor's, of which the data sheet
-    has the bandwidth alone, is taken for one too. Empty: no lag."""
+    quantum_deg_s: float = LSB_DPS
+    filtered: bool = True
+    """As the Crazyflie does; else there is no lag."""
 
     @property
     def lag_s(self) -> float:
         """Of slow motion."""
-        return float(sum(np.sqrt(0.5) / LOOP_HZ / np.tan(np.pi * each / LOOP_HZ) for each in self.filters_hz))
+        return lag_s() if self.filtered else 0.0
 
 
 class Turned:
@@ -105,16 +103,6 @@ def rates_deg_s(motion: Motion, time_s: Floats, rng: np.random.Generator) -> Flo
     elif motion == "spin":
         rates[:, 0] = 60.0
     return rates
-
-
-def filtered(values: Floats, step_s: float, filters_hz: tuple[float, ...]) -> Floats:
-    """As a log gets it; the ends wrap. Nothing is left of what is faster than half the loop."""
-    hz = np.minimum(np.fft.rfftfreq(len(values), step_s), LOOP_HZ / 2 - 1)
-    response = np.ones(len(hz), np.complex128)
-    for each in filters_hz:
-        s = 1j * np.tan(np.pi * hz / LOOP_HZ) / np.tan(np.pi * each / LOOP_HZ)
-        response /= s * s + np.sqrt(2) * s + 1
-    return np.fft.irfft(np.fft.rfft(values, axis=0) * response[:, None], len(values), axis=0)
 
 
 @dataclass(frozen=True)
@@ -193,7 +181,8 @@ def flight(
     made = Turned(motion, seconds, seed)
     offset_s = float(rng.uniform(-0.05, 0.05))
     stamps = np.arange(rng.uniform(0.2, 0.2 + 1 / fps), seconds - 0.2, 1 / fps)
-    rate = filtered(made.rate(made.time_s), FINE_S, gyro.filters_hz)
+    rate = made.rate(made.time_s)
+    rate = as_logged(rate, FINE_S) if gyro.filtered else rate
     times = np.arange(-0.5 + rng.uniform(0, 1 / gyro.rate_hz), seconds + 0.5, 1 / gyro.rate_hz)
     logged = np.stack([np.interp(times, made.time_s, rate[:, axis]) for axis in range(3)], axis=1)
     logged = np.degrees(logged) * (1 + rng.normal(0, gyro.gain)) + rng.normal(0, gyro.bias_deg_s, 3)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..clock.camera import Aligned, Refused, align
 from ..clock.camera_model import BEND, FOCAL, LINE, MIDDLE, MOUNT, SKEW, rotation
-from ..clock.gyro_filter import FIRMWARE_HZ, SENSOR_HZ
+from ..clock.gyro_filter import LAG_LESS_US, LAG_MORE_US
 from ..protocol.errors import LocalError, PeerError
 from . import sync_camera_film, sync_stamps
 from .as_json import line
@@ -22,7 +22,10 @@ from .usd import load, warn
 
 END, MIDDLE_ROW = "end of frame", "middle of exposure of the middle row"
 UNSEEN = "parallax of a robot that is carried about; how late rows of the log are stamped"
-ASSUMED = "what the sensor's own filter is like (another one of its bandwidth would be late by 0.1 ms more or less)"
+ASSUMED = (
+    f"how many poles the sensor's own filter has: with one the log would be {LAG_LESS_US / 1000:.1f} ms less late, with"
+    f" three {LAG_MORE_US / 1000:.1f} ms more"
+)
 LEFT_IN = "the lag of the gyro's filters, if it has any"
 
 
@@ -54,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
             np.radians(source.gyro.rate_dps),
             None if film.line_us is None else film.line_us * 1e-6,
             None if film.exposure_us is None else film.exposure_us * 1e-6,
-            () if arguments.raw_gyro else (SENSOR_HZ, FIRMWARE_HZ),
+            not arguments.raw_gyro,
             arguments.within_ms * 1e-3,
         )
         record = {
@@ -118,7 +121,7 @@ def estimates(film: Recorded, found: Aligned) -> dict[str, Any]:
         "lens_bend": round(float(theta[BEND]), 4),
         "looks_up_deg": round(float(np.degrees(np.arcsin(np.clip(ahead[2], -1, 1)))), 1),
         "picture_turned_deg": found.first.roll_deg,
-        "gyro_lag_us": round(found.lag_s * 1e6, 1),
+        "gyro_lag_us": round(found.lag_us, 1),
         "pairs": len(np.unique(found.places.pair)),
         "patches": len(found.places.pair),
         "residual_px": round(float(np.median(np.abs(found.fitted.residual_px))) * 1.4826, 4),
@@ -130,7 +133,7 @@ def estimates(film: Recorded, found: Aligned) -> dict[str, Any]:
             "mean_us": round(begun.mean_s * 1e6 + (film.before_end_us or 0)),
             "sd_us": round(begun.sd_s * 1e6),
         },
-        "not_in_sigma": f"{UNSEEN}; {ASSUMED if found.lag_s else LEFT_IN}",
+        "not_in_sigma": f"{UNSEEN}; {ASSUMED if found.lag_us else LEFT_IN}",
     }
 
 

@@ -15,8 +15,9 @@ from .camera_model import MIDDLE, Places, expected, mount
 from .camera_onset import Onsets, onsets
 from .camera_patches import find, smooth
 from .camera_tiles import SURE, Tiles
+from .gyro_filter import LAG_US, as_exposed
 from .ticks import Floats
-from .turning import Turning, as_exposed, lag_s
+from .turning import Turning
 
 Reason = Literal[
     "too few frames",
@@ -83,8 +84,8 @@ class Aligned:
     """Of each pair of frames, by its tiles; NaN when nothing is sure."""
     explained: float
     onsets: Onsets | None
-    lag_s: float
-    """Taken off: of the gyro's low-passes."""
+    lag_us: float
+    """Taken off: of the gyro's filters."""
     parts: list[Part]
 
 
@@ -94,11 +95,11 @@ def align(
     rate_rad_s: Floats,
     line_s: float | None = None,
     exposure_s: float | None = None,
-    lowpass_hz: tuple[float, ...] = (),
+    filtered: bool = True,
     reach_s: float = 0.5,
 ) -> Aligned | Refused:
-    """`line_s`: from row to row, if known; `exposure_s` likewise. `lowpass_hz`: what the gyro went through, if known.
-    `reach_s`: offsets of the middle row that are thought of."""
+    """`line_s`: from row to row, if known; `exposure_s` likewise. `filtered`: the gyro went through the Crazyflie's
+    filters. `reach_s`: offsets of the middle row that are thought of."""
     stamps = film.stamp_us
     if len(stamps) <= PAIRS_MIN:
         return Refused("too few frames", f"{len(stamps)} with a time, and {PAIRS_MIN + 1} are needed")
@@ -128,7 +129,7 @@ def align(
             f"its rate varies by {np.degrees(speed):.2f} deg/s rms: a steady turn does not tell the time; turn it"
             " to and fro, quickly",
         )
-    turning = Turning(time_s, as_exposed(time_s, rate_rad_s, lowpass_hz, exposure_s or 0.0))
+    turning = Turning(time_s, as_exposed(time_s, rate_rad_s, filtered, exposure_s or 0.0))
     tiles = Tiles.of(film.width, film.height)
     moved, sure = tile_motion(film, tiles)
     sure[~usable] = 0
@@ -151,12 +152,12 @@ def align(
             "several offsets fit",
             f"{first.middle_s * 1e3:.0f} ms and {first.rival_s * 1e3:.0f} ms do: move less regularly, or look less far",
         )
-    return refine(film, turning, zero_us, pairs_s, usable, first, line_s, moved, sure, lag_s(lowpass_hz))
+    return refine(film, turning, zero_us, pairs_s, usable, first, line_s, moved, sure, LAG_US if filtered else 0.0)
 
 
 def refine(
     film: Film, turning: Turning, zero_us: float, pairs_s: Floats, usable: NDArray[np.bool_], first: Coarse,
-    line_s: float | None, moved: Floats, sure: Floats, lag: float,
+    line_s: float | None, moved: Floats, sure: Floats, lag_us: float,
 ) -> Aligned | Refused:  # fmt: skip
     """By patches: a few, sought wide, and then many, sought where the few say."""
     assumed = mount(first.pitch_deg, first.roll_deg)
@@ -198,7 +199,7 @@ def refine(
     stamp_s = np.append(pairs_s[:, 0], pairs_s[-1, 1])
     begun = onsets(turning.time_s, turning.rate_rad_s, stamp_s, moved_px)
     return Aligned(
-        zero_us, fitted, not line_free, line or fitted, assumed, first, places, moved_px, explained, begun, lag,
+        zero_us, fitted, not line_free, line or fitted, assumed, first, places, moved_px, explained, begun, lag_us,
         by_part(places, turning, assumed, fitted),
     )  # fmt: skip
 

@@ -1,9 +1,11 @@
-"""Gyros' own filters, as far as they differ.
+"""A Crazyflie's filters of its gyro: how late they are, and what a log tells of the motion before them.
 
-A gyro's filter counts its samples, and those come from its own oscillator: a gyro that samples 0.1 % slower is 0.1 %
-later, of 5 ms. Rows follow the samples (synchronous logging), so their rate tells. Here one gyro's samples are made
-what they would have been had it run at the other's rate. BMI088 in a Crazyflie: 116 Hz in the sensor (two poles:
-assumed, the data sheet gives the bandwidth only) and two poles of 80 Hz in the firmware, all at 1 kHz.
+The BMI088 has one of 116 Hz, ahead of its samples; the firmware another of 80 Hz, Butterworth's of two poles at 1 kHz.
+Of the sensor's the data sheet gives the bandwidth only: it is taken for Butterworth's of two poles too.
+
+A filter in the firmware counts samples, and those come from the gyro's own oscillator: one that samples 0.1 % slower is
+0.1 % later, of 5 ms. Rows follow the samples (synchronous logging), so their rate tells. Two gyros are compared as if
+one had run at the other's rate.
 """
 
 from __future__ import annotations
@@ -12,17 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .gyro_signal import Floats, Samples
-from .turning import lag_s
 
 NOMINAL_US = 1000.0
 SENSOR_HZ, FIRMWARE_HZ = 116.0, 80.0
+FIRMWARE_TAN = np.tan(np.pi * FIRMWARE_HZ * NOMINAL_US * 1e-6)
+LAG_US = 1e6 * 2**0.5 / (2 * np.pi * SENSOR_HZ) + NOMINAL_US * 0.5**0.5 / FIRMWARE_TAN
+"""Of slow motion, by both."""
+LAG_LESS_US, LAG_MORE_US = ((2**0.5 - 1) * 1e6 / (2 * np.pi * SENSOR_HZ), (2 - 2**0.5) * 1e6 / (2 * np.pi * SENSOR_HZ))
+"""By so much it would be less had the sensor's one pole, more had it three."""
 TRUSTED_HZ = 300.0
 """Above, the filters let nothing through that could be set right."""
 FAR = 0.01
 """Rates that are so far apart are not those of two such gyros."""
-DELAY_US = 1e6 * (2**0.5 / (2 * np.pi * SENSOR_HZ) + lag_s((FIRMWARE_HZ,)))
-"""Of slow movements."""
 HOLE = 1.5
+EDGE_S = 0.5
+NOISE = 0.01
+"""Of the filters' power: where they let less through, their inverse would bring up more noise than signal."""
 
 
 def sample_us(samples: Samples) -> float:
@@ -34,7 +41,7 @@ def sample_us(samples: Samples) -> float:
 
 def later_us(own_us: float, wanted_us: float) -> float:
     """By so much a slow movement is later for a gyro that samples every `own_us`."""
-    return 0.0 if far(own_us, wanted_us) else DELAY_US * (own_us - wanted_us) / NOMINAL_US
+    return 0.0 if far(own_us, wanted_us) else LAG_US * (own_us - wanted_us) / NOMINAL_US
 
 
 def far(own_us: float, wanted_us: float) -> bool:
@@ -54,19 +61,31 @@ def as_sampled_every(samples: Samples, own_us: float, wanted_us: float) -> Sampl
         spectrum = np.fft.rfft(np.pad(value[part], (0, room - len(part)), "edge"))
         row_us = sample_us(samples) if len(part) < 2 else float(np.ptp(time_us[part])) / (len(part) - 1)
         hz: Floats = np.fft.rfftfreq(room, row_us * 1e-6).astype(np.float64)
-        spectrum *= response(hz * wanted_us / NOMINAL_US) / response(hz * own_us / NOMINAL_US)
-        value[part] = np.fft.irfft(spectrum, room)[: len(part)]
+        wanted, own = (response(np.minimum(hz * each / NOMINAL_US, TRUSTED_HZ)) for each in (wanted_us, own_us))
+        value[part] = np.fft.irfft(spectrum * wanted / own, room)[: len(part)]
     return Samples(time_us, value)
 
 
+def as_exposed(time_s: Floats, rate_rad_s: Floats, filtered: bool, exposure_s: float) -> Floats:
+    """The rates as they were before the filters, if they went through them, as far as noise allows; then averaged over
+    an exposure. What they turn a body by until the middle of an exposure is then what a picture shows of it: the mean
+    of the whole."""
+    step_s = min(float(np.median(np.diff(time_s))), NOMINAL_US * 1e-6)
+    even = np.arange(time_s[0] - EDGE_S, time_s[-1] + EDGE_S, step_s)
+    hz: Floats = np.minimum(np.fft.rfftfreq(len(even), step_s), 0.49e6 / NOMINAL_US)
+    back = np.sinc(hz * exposure_s).astype(np.complex128)
+    if filtered:
+        through = response(hz)
+        back *= through.conj() / (np.abs(through) ** 2 + NOISE) * (1 + NOISE)
+    columns = []
+    for rate in rate_rad_s.T:
+        spectrum = np.fft.rfft(np.interp(even, time_s, rate))
+        columns.append(np.interp(time_s, even, np.fft.irfft(spectrum * back, len(even))))
+    return np.stack(columns, axis=1)
+
+
 def response(hz: Floats) -> NDArray[np.complex128]:
-    """Of both filters at the nominal rate."""
-    at = np.minimum(hz, TRUSTED_HZ)
-    sensor = 1j * at / SENSOR_HZ
-    firmware = 1j * np.tan(np.pi * at * NOMINAL_US * 1e-6) / np.tan(np.pi * FIRMWARE_HZ * NOMINAL_US * 1e-6)
-    return np.asarray(1 / (poles(sensor) * poles(firmware)))
-
-
-def poles(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Butterworth's two."""
-    return np.asarray(1 + np.sqrt(2) * s + s * s)
+    """Of both filters, Butterworth's, at the nominal rate and below half of it."""
+    sensor = 1j * hz / SENSOR_HZ
+    firmware = 1j * np.tan(np.pi * hz * NOMINAL_US * 1e-6) / FIRMWARE_TAN
+    return np.asarray(1 / ((1 + np.sqrt(2) * sensor + sensor**2) * (1 + np.sqrt(2) * firmware + firmware**2)))

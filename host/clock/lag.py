@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .gyro import Gyro, Refused
-from .gyro_filter import FIRMWARE_HZ, SENSOR_HZ
+from .gyro_filter import LAG_US
 from .jackknife import left_out
 from .ticks import Floats
-from .turning import Turning, from_vector, lag_s, product, to_vector
+from .turning import Turning, from_vector, product, to_vector
 
 SEGMENT_S = 1.0
 POSES_MIN = 10
@@ -32,8 +32,6 @@ SEARCH_US = np.arange(-60e3, 160e3, 4e3)
 APART_US = 12e3
 RIVAL = 1.15
 """A lag elsewhere whose error is less than so many times the best's leaves it open which is right."""
-GYRO_US = 1e6 * lag_s((SENSOR_HZ, FIRMWARE_HZ))
-"""Of slow motion, by its filters; the sensor's has two poles here (its data sheet does not say)."""
 RATE_S = 5e-3
 """To each side, over which a rate is taken."""
 OUTLIER = 6.0
@@ -122,7 +120,7 @@ def lag_of(poses: Attitudes, gyro: Gyro) -> Lag | Refused:
     return Lag(
         lag_us=late_s * 1e6,
         sigma_us=sigma_us,
-        behind_motion_us=late_s * 1e6 + GYRO_US,
+        behind_motion_us=late_s * 1e6 + LAG_US,
         gain=1 + float(state[GAIN][0]),
         mount_deg=tuple(np.degrees(state[MOUNT]).tolist()),
         noise_deg=float(np.degrees(noise)),

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from .ticks import Floats
 
-LOOP_HZ = 1000.0
-EDGE_S = 0.5
-NOISE = 0.01
-"""Of the filters' power: where they let less through, their inverse would bring up more noise than signal."""
 GAP_S = 0.05
 """Rows further apart are a gap, in which nothing is known."""
 
@@ -50,30 +44,6 @@ class Turning:
         first, change = self.rate_rad_s[row], self.rate_rad_s[row + 1] - self.rate_rad_s[row]
         turn = first * since_s[:, None] + change * (0.5 * since_s**2 / step_s)[:, None]
         return product(self.attitude[row], from_vector(turn))
-
-
-def as_exposed(time_s: Floats, rate_rad_s: Floats, lowpass_hz: Sequence[float], exposure_s: float) -> Floats:
-    """The rates as they were before low-passes of two poles (Butterworth, run at LOOP_HZ as the Crazyflie's firmware
-    does) made them late and smooth, as far as noise allows; then averaged over an exposure. What they turn a body by
-    until the middle of an exposure is then what a picture shows of it: the mean of the whole."""
-    step_s = min(float(np.median(np.diff(time_s))), 1 / LOOP_HZ)
-    even = np.arange(time_s[0] - EDGE_S, time_s[-1] + EDGE_S, step_s)
-    hz = np.minimum(np.fft.rfftfreq(len(even), step_s), 0.49 * LOOP_HZ)
-    through = np.ones(len(hz), np.complex128)
-    for each in lowpass_hz:
-        s = 1j * np.tan(np.pi * hz / LOOP_HZ) / np.tan(np.pi * each / LOOP_HZ)
-        through /= s * s + np.sqrt(2) * s + 1
-    back = np.sinc(hz * exposure_s) * through.conj() / (np.abs(through) ** 2 + NOISE) * (1 + NOISE)
-    columns = []
-    for rate in rate_rad_s.T:
-        spectrum = np.fft.rfft(np.interp(even, time_s, rate))
-        columns.append(np.interp(time_s, even, np.fft.irfft(spectrum * back, len(even))))
-    return np.stack(columns, axis=1)
-
-
-def lag_s(lowpass_hz: Sequence[float]) -> float:
-    """Of slow motion."""
-    return float(sum(np.sqrt(0.5) / LOOP_HZ / np.tan(np.pi * each / LOOP_HZ) for each in lowpass_hz))
 
 
 def from_vector(turn: Floats) -> Floats:

@@ -7,12 +7,13 @@ import pytest
 
 from host.clock.camera_fit import Fit, fit, start
 from host.clock.camera_model import LINE, MIDDLE, Places, expected, mount, rotation
-from host.clock.turning import Turning, as_exposed, from_vector, lag_s, to_vector
+from host.clock.gyro_filter import LAG_US, as_exposed
+from host.clock.turning import Turning, from_vector, to_vector
 from sim.turned_camera import Flight, Gyro, Motion, flight
 
 PX = 0.2
 FLIGHTS = int(os.environ.get("SPINDECK_FLIGHTS", "24"))
-PERFECT = Gyro(noise_deg_s=0.0, bias_deg_s=0.0, gain=0.0, quantum_deg_s=1e-9, filters_hz=())
+PERFECT = Gyro(noise_deg_s=0.0, bias_deg_s=0.0, gain=0.0, quantum_deg_s=1e-9, filtered=False)
 
 
 def places(made: Flight, px: float = PX, bands: int = 12) -> tuple[Places, Turning, float]:
@@ -23,7 +24,7 @@ def places(made: Flight, px: float = PX, bands: int = 12) -> tuple[Places, Turni
     inside = (np.abs(after) < [made.optics.width / 2, made.optics.height / 2]).all(axis=1)
     sure = np.tile(np.eye(2) / max(px, 1e-3) ** 2, (len(index), 1, 1))
     time_s = made.gyro_time_s - zero_s
-    turning = Turning(time_s, as_exposed(time_s, np.radians(made.gyro_deg_s), made.gyro.filters_hz, 0.0))
+    turning = Turning(time_s, as_exposed(time_s, np.radians(made.gyro_deg_s), made.gyro.filtered, 0.0))
     return Places(index, stamps, before, after, sure).some(inside), turning, made.body_middle_s
 
 
@@ -45,7 +46,7 @@ def test_as_good_as_promised(motion: Motion, fps: int) -> None:
 
 def test_exact_without_noise() -> None:
     """Twelve unknowns, places to 0.00001 px, and 8 kHz of a perfect gyro: nothing is left but how rates are joined."""
-    gyro = Gyro(rate_hz=5000, noise_deg_s=0, bias_deg_s=0, gain=0, quantum_deg_s=1e-9, filters_hz=())
+    gyro = Gyro(rate_hz=5000, noise_deg_s=0, bias_deg_s=0, gain=0, quantum_deg_s=1e-9, filtered=False)
     got, error = solve(flight(5, "yaw", seconds=8, gyro=gyro), px=1e-5, line_free=True)
     assert abs(error) < 0.2e-6
     assert got.theta[LINE] == pytest.approx(62.667e-6, rel=1e-4)
@@ -139,9 +140,9 @@ def test_the_gyros_filters_are_undone() -> None:
     gyro = Gyro(noise_deg_s=0.0, bias_deg_s=0.0, gain=0.0, quantum_deg_s=1e-9)
     made = flight(1, "teeter", seconds=8, gyro=gyro)
     true, logged = made.turned.rate(made.gyro_time_s), np.radians(made.gyro_deg_s)
-    back = as_exposed(made.gyro_time_s, logged, gyro.filters_hz, 0.0)
+    back = as_exposed(made.gyro_time_s, logged, True, 0.0)
     assert np.abs(np.cumsum(logged - true, axis=0)).max() > 5 * np.abs(np.cumsum(back - true, axis=0)).max()
-    assert lag_s(gyro.filters_hz) == pytest.approx(gyro.lag_s) == pytest.approx(4.6e-3, rel=0.03)
+    assert LAG_US * 1e-6 == pytest.approx(gyro.lag_s, rel=1e-6) == pytest.approx(4.69e-3, rel=1e-3)
     # Slow motion is late by that lag.
     slow = flight(1, "yaw", seconds=8, gyro=gyro)
     moved = slow.turned.rate(slow.gyro_time_s - gyro.lag_s)

@@ -48,7 +48,7 @@ def solve(made: Flight, film: Film | None = None, **more: object) -> Aligned | R
     known = {
         "line_s": made.optics.line_s,
         "exposure_s": made.optics.exposure_s,
-        "lowpass_hz": made.gyro.filters_hz,
+        "filtered": made.gyro.filtered,
         **more,
     }
     return align(film or Film(made), made.gyro_time_s * 1e6, rates, **known)  # type: ignore[arg-type]
@@ -87,7 +87,7 @@ def test_in_front_of_a_photograph() -> None:
 def test_without_line_time_and_filters() -> None:
     """The gyro's lag is then in the offset; the middle row's time does not need the readout."""
     made = short(5, "yaw", fps=10, seconds=5)
-    got = solve(made, line_s=None, lowpass_hz=())
+    got = solve(made, line_s=None, filtered=False)
     assert isinstance(got, Aligned), got
     assert not got.line_known
     assert abs(got.fitted.theta[MIDDLE] - made.middle_s) < 0.15e-3
@@ -135,7 +135,8 @@ def test_refused(reason: str, made: dict, more: dict) -> None:
 
 def test_slow_swings_tell_too_little() -> None:
     made = swung(1, 3.0, 0.15, seconds=7.0, fps=8.0)
-    got = align(Film(made), made.gyro_time_s * 1e6, made.turned.rate(made.gyro_time_s), made.optics.line_s)
+    rates = made.turned.rate(made.gyro_time_s)
+    got = align(Film(made), made.gyro_time_s * 1e6, rates, made.optics.line_s, filtered=False)
     assert isinstance(got, Refused)
     assert got.reason == "not sure enough"
 
@@ -143,10 +144,10 @@ def test_slow_swings_tell_too_little() -> None:
 def test_a_rhythm_fits_at_several_offsets() -> None:
     made = swung(1, 57.3, 2.5)
     rates = made.turned.rate(made.gyro_time_s)
-    got = align(Film(made), made.gyro_time_s * 1e6, rates, made.optics.line_s)
+    got = align(Film(made), made.gyro_time_s * 1e6, rates, made.optics.line_s, filtered=False)
     assert isinstance(got, Refused)
     assert got.reason == "several offsets fit"
-    near = align(Film(made), made.gyro_time_s * 1e6, rates, made.optics.line_s, reach_s=0.1)
+    near = align(Film(made), made.gyro_time_s * 1e6, rates, made.optics.line_s, filtered=False, reach_s=0.1)
     assert isinstance(near, Aligned)
     assert abs(near.fitted.theta[MIDDLE] - made.body_middle_s) < 0.1e-3
 
@@ -155,7 +156,7 @@ def test_a_hole_in_the_log_costs_only_its_frames() -> None:
     made = short(4, "yaw", seconds=4)
     keep = (made.gyro_time_s < 2.0) | (made.gyro_time_s > 2.5)
     rates = np.radians(made.gyro_deg_s[keep])
-    got = align(Film(made), made.gyro_time_s[keep] * 1e6, rates, made.optics.line_s, None, made.gyro.filters_hz)
+    got = align(Film(made), made.gyro_time_s[keep] * 1e6, rates, made.optics.line_s, None)
     assert isinstance(got, Aligned), got
     assert abs(got.fitted.theta[MIDDLE] - made.body_middle_s) < 0.15e-3
 
