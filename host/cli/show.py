@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..link.state import describe as describe_state
 from .as_json import as_dict, line
+from .stream_robot import USUAL_FLAGS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -15,11 +16,7 @@ if TYPE_CHECKING:
 
     from ..link.records import Event, Frame
     from .row import Row
-    from .stream_loop import Robot
-
-
-USUAL_FLAGS = ("HAS_ESTIMATE", "HAS_BOUND", "QUANTISED")
-"""Of a native frame: they say that there is a time, and what its clock is. The others tell of something."""
+    from .stream_robot import Robot
 
 
 class JsonLines:

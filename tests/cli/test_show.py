@@ -5,7 +5,7 @@ import pytest
 
 import host
 from host.cli.show import clock_line, status_line, status_lines
-from host.cli.stream_loop import Robot
+from host.cli.stream_robot import Robot
 from host.link.records import Console, Frame
 
 
