@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         film = sync_camera_film.read(arguments.file, robot, times, arguments.line_time_us, arguments.exposure_us)
         found = align(
             film,
-            source.gyro.time_us,
+            source.gyro.time_us / film.stm32_per_s,
             np.radians(source.gyro.rate_dps),
             None if film.line_us is None else film.line_us * 1e-6,
             None if film.exposure_us is None else film.exposure_us * 1e-6,

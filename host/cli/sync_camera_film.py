@@ -15,6 +15,9 @@ from ..link.replay_url import to_url
 from ..link.stream import open_stream
 from ..protocol.errors import PeerError
 
+SLOW = 84 / 85
+"""STM32 firmware before August 2026: its clock counts 84 where 85 have passed."""
+
 
 @dataclass(frozen=True)
 class Recorded:
@@ -27,15 +30,18 @@ class Recorded:
     index: NDArray[np.int64]
     """Of each frame, in the recording."""
     stamp_us: Floats
-    """As stamped; of the middle of the middle row's exposure, if the frames tell how far that is before their end."""
+    """As stamped, divided by `stm32_per_s`; of the middle of the middle row's exposure, if the frames tell how far that is before their end."""
     before_end_us: float | None
-    """From that to the end of frame: the median."""
+    """From that to the end of frame: the median. As the stamps, these count the STM32's time, made right if it is slow;
+    where frames do not say how their robot's two clocks run, the GAP8's."""
     line_us: float | None
-    """From row to row, GAP8 time."""
+    """From row to row."""
     exposure_us: float | None
     """Median."""
     bound_us: float | None
     """Of the stamps: median."""
+    stm32_per_s: float
+    """Seconds that the STM32's clock counts in one: 1, or 84/85 when the GAP8's says so."""
     left_out: Counter[str] = field(default_factory=Counter)
 
     def __iter__(self) -> Iterator[NDArray[np.uint8]]:
@@ -56,6 +62,7 @@ class Told:
     before_end_us: float | None
     line_us: float | None
     exposure_us: float | None
+    stm32_per_gap8: float | None
 
 
 def frames(file: str, robot: int) -> Iterator[Frame]:
@@ -89,13 +96,24 @@ def read(file: str, robot: int, times_us: dict[int, tuple[float, float]] | None,
     told = [each for each in told if each.size == size]
     kept = longest_rise(told)
     left_out["before or after a reset of the clock"] += len(told) - len(kept)
-    before_end_us = usual([each.before_end_us for each in kept])
-    shift = np.array([each.before_end_us or 0.0 for each in kept]) if before_end_us is not None else np.zeros(len(kept))
+    told_rates = [each.stm32_per_gap8 for each in kept if each.stm32_per_gap8 is not None]
+    rate = float(np.median(told_rates)) if told_rates else 1.0
+    stm32_per_s = min(1.0, SLOW, key=lambda each: abs(rate - each))
+    rate /= stm32_per_s
+    before_end_us, row_us, exposed_us = (
+        None if value is None else value * rate
+        for value in (
+            usual([each.before_end_us for each in kept]),
+            usual([each.line_us for each in kept]),
+            usual([each.exposure_us for each in kept]),
+        )
+    )
+    shift = np.array([(each.before_end_us or 0.0) * rate for each in kept]) if before_end_us else np.zeros(len(kept))
     return Recorded(
         file, robot, *size, np.array([each.index for each in kept]),
-        np.array([each.stamp_us for each in kept]) - shift, before_end_us,
-        usual([each.line_us for each in kept]), usual([each.exposure_us for each in kept]),
-        usual([each.bound_us for each in kept]), +left_out,
+        np.array([each.stamp_us for each in kept]) / stm32_per_s - shift, before_end_us,
+        row_us, exposed_us, usual([each.bound_us for each in kept]),
+        stm32_per_s, +left_out,
     )  # fmt: skip
 
 
@@ -128,7 +146,7 @@ def tell(
     elif line_us is not None and exposure_us is not None:
         before_end_us = (frame.height - 1) / 2 * line_us + exposure_us / 2
     return Told(frame.index, (frame.width, frame.height), float(stamp_us), bound_us, before_end_us, line_us,
-                exposure_us)  # fmt: skip
+                exposure_us, frame.stm32_per_gap8)  # fmt: skip
 
 
 def longest_rise(told: list[Told]) -> list[Told]:

@@ -228,8 +228,12 @@ class Frame:
         before_end_us = self.row_before_end_us(row)
         if self.native is None or self.native.frame_stm32_us is None or before_end_us is None:
             return None
-        skew = self.native.clock.skew_ppb * 1e-9 if self.native.clock else 0.0
-        return self.native.frame_stm32_us - before_end_us * (1 + skew)
+        return self.native.frame_stm32_us - before_end_us * (self.stm32_per_gap8 or 1)
+
+    @property
+    def stm32_per_gap8(self) -> float | None:
+        """How fast the STM32's clock runs on the GAP8's, as the GAP8 found it; None when it does not say."""
+        return 1 + self.native.clock.skew_ppb * 1e-9 if self.native and self.native.clock else None
 
 
 def decode_jpeg(body: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
