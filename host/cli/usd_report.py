@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
@@ -64,7 +65,9 @@ def info_lines(name: str, log: Log, findings: Findings) -> Iterator[str]:
         known = ", ".join(f"{key} {value}" for key, value in asdict(findings.counters).items())
         yield f"  logger    session {log.session:08x}: {known}"
     faults, notes = judge(log, findings)
-    yield from (f"  note      {each['text']}" for each in notes)
+    yield from (f"  note      {each['text']}" for each in notes[:SHOWN])
+    if len(notes) > SHOWN:
+        yield f"  notes     {len(notes) - SHOWN} more: see 'host usd check --json'"
     if faults:
         yield f"  faults    {len(faults)}: see 'host usd check'"
 
@@ -143,13 +146,12 @@ def clock_text(period: Period) -> str:
 
 
 def check_lines(name: str, log: Log, faults: list[dict[str, Any]], notes: list[dict[str, Any]]) -> Iterator[str]:
-    """For people: the first of many faults of a kind, then how many more."""
+    """For people: the first of many of a kind, then how many more."""
     what = "good" if not faults else "whole, but with faults" if log.is_whole else state(log)
     yield f"{name}: {what}, {log.row_count} rows, {log.verified_count} verified"
-    shown: dict[str, int] = {}
-    for each in faults:
-        shown[each["event"]] = shown.get(each["event"], 0) + 1
+    shown: Counter[str] = Counter()
+    for each, mark in (*((fault, "") for fault in faults), *((note, "note: ") for note in notes)):
+        shown[each["event"]] += 1
         if shown[each["event"]] <= SHOWN:
-            yield f"  {each['text']}"
+            yield f"  {mark}{each['text']}"
     yield from (f"  {kind}: {count - SHOWN} more, all with --json" for kind, count in shown.items() if count > SHOWN)
-    yield from (f"  note: {each['text']}" for each in notes)

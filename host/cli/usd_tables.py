@@ -6,8 +6,9 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from contextlib import contextmanager
+from itertools import chain, count
 from pathlib import Path
 from typing import IO, Any
 
@@ -21,6 +22,7 @@ from ..usd.log import Log, Rows
 ROWS_AT_ONCE = 10_000
 """Turned into text at a time."""
 MCAP_CHUNK = 1 << 20
+MCAP_US_MAX = (2**64 - 1) // 1000
 Written = dict[str, int]
 """Rows by file."""
 
@@ -74,17 +76,25 @@ class Table:
         self.verified = rows.is_verified[keep]
 
     def columns(self) -> dict[str, np.ndarray[Any, np.dtype[Any]]]:
-        names = [each.name for each in self.rows.type.variables]
-        values = {name: self.data[name] for name in names}
-        return {"stamp_stm32_us": self.stamp_us, "epoch": self.epoch, "verified": self.verified, **values}
+        columns = {"stamp_stm32_us": self.stamp_us, "epoch": self.epoch, "verified": self.verified}
+        for each in self.rows.type.variables:
+            columns[free_name(each.name, columns)] = self.data[each.name]
+        return columns
 
 
 def each_its_file(tables: dict[str, Table], path: Path) -> dict[Path, Table]:
     """A file for one type has the name that was asked for."""
     if len(tables) == 1:
         return {path: next(iter(tables.values()))}
-    safe = {name: re.sub(r"[^\w.#-]", "_", name) for name in tables}
-    return {path.with_name(f"{path.stem}.{safe[name]}{path.suffix}"): table for name, table in tables.items()}
+    files: dict[str, Table] = {}
+    for name, table in tables.items():
+        files[free_name(re.sub(r"[^\w.#-]", "_", name), files)] = table
+    return {path.with_name(f"{path.stem}.{name}{path.suffix}"): table for name, table in files.items()}
+
+
+def free_name(name: str, taken: Container[str]) -> str:
+    """As it is, or with #2, #3 and so on behind it."""
+    return next(free for free in chain([name], (f"{name}#{copy}" for copy in count(2))) if free not in taken)
 
 
 def write_csv(tables: dict[str, Table], path: Path, force: bool) -> Written:
@@ -148,6 +158,9 @@ def write_npz(tables: dict[str, Table], path: Path, force: bool) -> Written:
 
 def write_mcap(tables: dict[str, Table], path: Path, force: bool) -> Written:
     """Messages in the order of their times, epoch by epoch; log_time is the stamp, in ns."""
+    last_us = max(int(table.stamp_us.max(initial=0)) for table in tables.values())
+    if last_us > MCAP_US_MAX:
+        raise LocalError(f"{path}: a stamp is {last_us} us, and MCAP counts ns in 64 bits: choose .csv or .npz")
     order = np.lexsort(
         (
             np.concatenate([table.stamp_us for table in tables.values()]),

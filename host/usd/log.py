@@ -103,9 +103,9 @@ class Rows:
         return mask
 
     @cached_property
-    def epoch(self) -> np.ndarray[Any, np.dtype[np.uint16]]:
+    def epoch(self) -> np.ndarray[Any, np.dtype[np.uint32]]:
         """For each row, the number of its epoch."""
-        numbers = np.zeros(len(self.data), np.uint16)
+        numbers = np.zeros(len(self.data), np.uint32)
         for number, part in enumerate(self.epochs):
             numbers[part.start : part.stop] = number
         return numbers

@@ -146,6 +146,51 @@ def test_parquet_is_read_by_its_own_package(tmp_path: Path) -> None:
     assert read["acc.x"].to_pylist() == rows.data["acc.x"][rows.is_verified].tolist()
 
 
+def test_names_that_are_alike_keep_their_own_columns_and_files(tmp_path: Path) -> None:
+    log = Writer(types={1: ("a/b", ["epoch(B)", "verified(B)", "stamp_stm32_us(B)"]), 2: ("a:b", ["v(B)"])})
+    for number in range(50):
+        log.row(1, 1000 * number, 7, 8, 9)
+        log.row(2, 1000 * number, 5)
+    (tmp_path / "log00").write_bytes(log.close())
+    for ending in (".csv", ".npz", ".mcap"):
+        out = ["-o", str(tmp_path / f"out{ending}"), "--force"]
+        assert main(["usd", "decode", str(tmp_path / "log00"), *out]) == 0
+    with (tmp_path / "out.a_b.csv").open() as file:
+        first = next(csv.DictReader(file))
+    assert {name: first[name] for name in ("epoch", "verified", "stamp_stm32_us")} == {
+        "epoch": "0",
+        "verified": "1",
+        "stamp_stm32_us": "0",
+    }
+    assert (first["epoch#2"], first["verified#2"], first["stamp_stm32_us#2"]) == ("7", "8", "9")
+    with (tmp_path / "out.a_b#2.csv").open() as file:
+        assert [row["v"] for row in csv.DictReader(file)] == ["5"] * 50
+
+
+def test_times_that_mcap_cannot_hold_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = Writer()
+    log.row(0xFFFF, 2**64 // 1000 + 1, 1, 2, 3)
+    (tmp_path / "log00").write_bytes(log.close())
+    assert main(["usd", "decode", str(tmp_path / "log00"), "-o", str(tmp_path / "out.mcap")]) == 2
+    assert "choose .csv" in capsys.readouterr().err
+    assert main(["usd", "decode", str(tmp_path / "log00"), "-o", str(tmp_path / "out.csv")]) == 0
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["log00", "out.csv"]
+
+
+def test_only_the_first_of_many_notes_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = Writer(types={1: ("a", ["v(B)"])})
+    for _ in range(16):
+        for stamp in (0, 1, 2, 200_000, 200_001):
+            log.row(1, stamp, 1)
+    (tmp_path / "log00").write_bytes(log.close())
+    assert main(["usd", "check", str(tmp_path / "log00")]) == 0
+    shown = capsys.readouterr().out
+    assert shown.count("note: the clock was reset") == 10
+    assert "reset: 5 more, all with --json" in shown
+    assert main(["usd", "info", str(tmp_path / "log00")]) == 0
+    assert "5 more: see" in capsys.readouterr().out
+
+
 def test_without_pyarrow_parquet_is_refused(
     logs: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

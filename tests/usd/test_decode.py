@@ -10,7 +10,7 @@ from existing_reader import decode as existing
 from logs import FIXED, MINIMAL, VERSION_2, VERSION_2019, Writer, fill, real
 
 from host.usd.decode import decode
-from host.usd.log import Log
+from host.usd.log import Log, Rows
 
 
 def same_as_existing(log: Log, data: bytes) -> None:
@@ -106,6 +106,13 @@ def test_a_reset_of_the_clock_is_a_new_epoch() -> None:
         rows = decoded.rows["fixedFrequency"]
         assert rows.epochs == (range(300), range(300, 600))
         assert (rows.epoch == np.repeat([0, 1], 300)).all()
+
+
+def test_more_resets_than_16_bits_count() -> None:
+    kind = decode(MINIMAL).rows["fixedFrequency"].type
+    count = 65_540
+    rows = Rows(kind, np.zeros(count, kind.dtype), (), tuple(range(each, each + 1) for each in range(count)))
+    assert (rows.epoch == np.arange(count)).all()
 
 
 def test_rows_out_of_order_are_no_reset() -> None:
