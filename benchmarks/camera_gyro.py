@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from host.clock.camera import Refused, align
 from host.clock.camera_fit import Fit, fit, start
 from host.clock.camera_model import LINE, MIDDLE, Places, mount
-from host.clock.gyro_filter import as_exposed
+from host.clock.gyro_filter import NOMINAL_US, as_exposed
 from host.clock.turning import Turning
 from sim.turned_camera import Flight, Motion, flight
 
@@ -36,7 +36,7 @@ def given(made: Flight, px: float, line_free: bool) -> tuple[Fit | None, float]:
     inside = np.all(np.abs(after) < [made.optics.width / 2, made.optics.height / 2], axis=1)
     places = Places(index, stamps, before, after, sure).some(np.asarray(inside))
     time_s = made.gyro_time_s - zero_s
-    turning = Turning(time_s, as_exposed(time_s, np.radians(made.gyro_deg_s), made.gyro.filtered, 0.0))
+    turning = Turning(time_s, as_exposed(time_s, np.radians(made.gyro_deg_s), NOMINAL_US, 0.0))
     begin = start(made.body_middle_s + 3e-3, made.optics.line_s, 150.0)
     return fit(places, turning, mount(0), begin, line_free), made.body_middle_s
 

@@ -121,7 +121,7 @@ def estimates(film: Recorded, found: Aligned) -> dict[str, Any]:
         "lens_bend": round(float(theta[BEND]), 4),
         "looks_up_deg": round(float(np.degrees(np.arcsin(np.clip(ahead[2], -1, 1)))), 1),
         "picture_turned_deg": found.first.roll_deg,
-        "gyro_lag_us": round(found.lag_us, 1),
+        "gyro_lag_us": round(found.gyro_late_us, 1),
         "pairs": len(np.unique(found.places.pair)),
         "patches": len(found.places.pair),
         "residual_px": round(float(np.median(np.abs(found.fitted.residual_px))) * 1.4826, 4),
@@ -133,7 +133,7 @@ def estimates(film: Recorded, found: Aligned) -> dict[str, Any]:
             "mean_us": round(begun.mean_s * 1e6 + (film.before_end_us or 0)),
             "sd_us": round(begun.sd_s * 1e6),
         },
-        "not_in_sigma": f"{UNSEEN}; {ASSUMED if found.lag_us else LEFT_IN}",
+        "not_in_sigma": f"{UNSEEN}; {ASSUMED if found.gyro_late_us else LEFT_IN}",
     }
 
 

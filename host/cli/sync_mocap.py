@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..clock.gyro import Refused
-from ..clock.gyro_filter import LAG_LESS_US, LAG_MORE_US, LAG_US
+from ..clock.gyro_filter import LAG_LESS_US, LAG_MORE_US, late_us, sample_us
 from ..clock.lag import Attitudes, Lag, lag_of
 from ..protocol.errors import LocalError, PeerError
 from ..usd.log import Log
@@ -102,7 +102,7 @@ def records(file: str, gyro: Source, found: dict[str, Lag | Refused]) -> Iterato
             "lag_us": round(each.behind_motion_us, 1),
             "sigma_us": round(each.sigma_us, 1),
             "behind_gyro_us": round(each.lag_us, 1),
-            "gyro_behind_motion_us": round(LAG_US, 1),
+            "gyro_behind_motion_us": round(each.behind_motion_us - each.lag_us, 1),
             "gain": round(each.gain, 4),
             "mount_deg": [round(axis, 2) for axis in each.mount_deg],
             "noise_deg": round(each.noise_deg, 4),
@@ -130,9 +130,10 @@ def lines(file: str, gyro: Source, found: dict[str, Lag | Refused]) -> Iterator[
             f" {each.noise_deg:.2g} deg left; gain {each.gain:.3f}, mount {mount} deg"
         )
     yield "  ± is one sigma, by leaving out each second in turn"
+    filters_us = late_us(sample_us(gyro.gyro.time_us))
     yield (
-        f"  the gyro's filters are taken to be {LAG_US / 1000:.2f} ms late: 80 Hz in the firmware, 116 Hz in the"
-        f" sensor with two poles (with one {LAG_LESS_US / 1000:.1f} ms less, with three {LAG_MORE_US / 1000:.1f} ms more)"
+        f"  the gyro's filters are taken to be {filters_us / 1000:.2f} ms late: 80 Hz in the firmware, 116 Hz in the"
+        f" sensor, with two poles (one: {LAG_LESS_US / 1000:.1f} ms less, three: {LAG_MORE_US / 1000:.1f} ms more)"
     )
     for name, each in found.items():
         if isinstance(each, Lag):

@@ -15,7 +15,7 @@ from .camera_model import MIDDLE, Places, expected, mount
 from .camera_onset import Onsets, onsets
 from .camera_patches import find, smooth
 from .camera_tiles import SURE, Tiles
-from .gyro_filter import LAG_US, as_exposed
+from .gyro_filter import as_exposed, late_us, sample_us
 from .ticks import Floats
 from .turning import Turning
 
@@ -84,8 +84,8 @@ class Aligned:
     """Of each pair of frames, by its tiles; NaN when nothing is sure."""
     explained: float
     onsets: Onsets | None
-    lag_us: float
-    """Taken off: of the gyro's filters."""
+    gyro_late_us: float
+    """Taken off: by its filters."""
     parts: list[Part]
 
 
@@ -129,7 +129,8 @@ def align(
             f"its rate varies by {np.degrees(speed):.2f} deg/s rms: a steady turn does not tell the time; turn it"
             " to and fro, quickly",
         )
-    turning = Turning(time_s, as_exposed(time_s, rate_rad_s, filtered, exposure_s or 0.0))
+    own_us = sample_us(gyro_us[near]) if filtered else None
+    turning = Turning(time_s, as_exposed(time_s, rate_rad_s, own_us, exposure_s or 0.0))
     tiles = Tiles.of(film.width, film.height)
     moved, sure = tile_motion(film, tiles)
     sure[~usable] = 0
@@ -152,12 +153,14 @@ def align(
             "several offsets fit",
             f"{first.middle_s * 1e3:.0f} ms and {first.rival_s * 1e3:.0f} ms do: move less regularly, or look less far",
         )
-    return refine(film, turning, zero_us, pairs_s, usable, first, line_s, moved, sure, LAG_US if filtered else 0.0)
+    return refine(
+        film, turning, zero_us, pairs_s, usable, first, line_s, moved, sure, 0.0 if own_us is None else late_us(own_us)
+    )
 
 
 def refine(
     film: Film, turning: Turning, zero_us: float, pairs_s: Floats, usable: NDArray[np.bool_], first: Coarse,
-    line_s: float | None, moved: Floats, sure: Floats, lag_us: float,
+    line_s: float | None, moved: Floats, sure: Floats, gyro_late_us: float,
 ) -> Aligned | Refused:  # fmt: skip
     """By patches: a few, sought wide, and then many, sought where the few say."""
     assumed = mount(first.pitch_deg, first.roll_deg)
@@ -199,8 +202,8 @@ def refine(
     stamp_s = np.append(pairs_s[:, 0], pairs_s[-1, 1])
     begun = onsets(turning.time_s, turning.rate_rad_s, stamp_s, moved_px)
     return Aligned(
-        zero_us, fitted, not line_free, line or fitted, assumed, first, places, moved_px, explained, begun, lag_us,
-        by_part(places, turning, assumed, fitted),
+        zero_us, fitted, not line_free, line or fitted, assumed, first, places, moved_px, explained, begun,
+        gyro_late_us, by_part(places, turning, assumed, fitted),
     )  # fmt: skip
 
 

@@ -128,7 +128,7 @@ def compare(first: Gyro, second: Gyro) -> Shift | Refused:
     if isinstance(found, str):
         return Refused(found)
     other = Samples(other.time_us, other.value * found.sign)
-    one_us, other_us = sample_us(one), sample_us(other) / (1 + found.skew)
+    one_us, other_us = sample_us(one.time_us), sample_us(other.time_us) / (1 + found.skew)
     return refine(one, as_sampled_every(other, other_us, one_us), found, later_us(other_us, one_us))
 
 

@@ -3,9 +3,9 @@
 The BMI088 has one of 116 Hz, ahead of its samples; the firmware another of 80 Hz, Butterworth's of two poles at 1 kHz.
 Of the sensor's the data sheet gives the bandwidth only: it is taken for Butterworth's of two poles too.
 
-A filter in the firmware counts samples, and those come from the gyro's own oscillator: one that samples 0.1 % slower is
-0.1 % later, of 5 ms. Rows follow the samples (synchronous logging), so their rate tells. Two gyros are compared as if
-one had run at the other's rate.
+Filters count samples, and those come from the gyro's own oscillator: one that samples 0.1 % slower is 0.1 % later, of
+5 ms; on a clock that counts 84 where 85 have passed it is 1.2 % less late. Rows follow the samples (synchronous
+logging), so their rate tells both.
 """
 
 from __future__ import annotations
@@ -17,31 +17,40 @@ from .gyro_signal import Floats, Samples
 
 NOMINAL_US = 1000.0
 SENSOR_HZ, FIRMWARE_HZ = 116.0, 80.0
-FIRMWARE_TAN = np.tan(np.pi * FIRMWARE_HZ * NOMINAL_US * 1e-6)
-LAG_US = 1e6 * 2**0.5 / (2 * np.pi * SENSOR_HZ) + NOMINAL_US * 0.5**0.5 / FIRMWARE_TAN
-"""Of slow motion, by both."""
-LAG_LESS_US, LAG_MORE_US = ((2**0.5 - 1) * 1e6 / (2 * np.pi * SENSOR_HZ), (2 - 2**0.5) * 1e6 / (2 * np.pi * SENSOR_HZ))
+FIRMWARE_TAN = float(np.tan(np.pi * FIRMWARE_HZ * NOMINAL_US * 1e-6))
+LAG_US: float = 1e6 * 2**0.5 / (2 * np.pi * SENSOR_HZ) + NOMINAL_US * 0.5**0.5 / FIRMWARE_TAN
+"""Of slow motion, by both, at the nominal rate."""
+LAG_LESS_US: float = (2**0.5 - 1) * 1e6 / (2 * np.pi * SENSOR_HZ)
+LAG_MORE_US: float = (2 - 2**0.5) * 1e6 / (2 * np.pi * SENSOR_HZ)
 """By so much it would be less had the sensor's one pole, more had it three."""
 TRUSTED_HZ = 300.0
 """Above, the filters let nothing through that could be set right."""
 FAR = 0.01
 """Rates that are so far apart are not those of two such gyros."""
+OFF = 0.05
+"""Rows that are so far from every so many samples say nothing of the samples."""
 HOLE = 1.5
 EDGE_S = 0.5
 NOISE = 0.01
 """Of the filters' power: where they let less through, their inverse would bring up more noise than signal."""
 
 
-def sample_us(samples: Samples) -> float:
+def sample_us(time_us: Floats) -> float:
     """Between the gyro's samples, on the log's clock, by its rows."""
-    steps = np.diff(samples.time_us)
+    steps = np.diff(time_us)
     row_us = float(steps[steps < HOLE * np.median(steps)].mean())
-    return row_us / max(round(row_us / NOMINAL_US), 1)
+    own_us = row_us / max(round(row_us / NOMINAL_US), 1)
+    return own_us if abs(own_us / NOMINAL_US - 1) < OFF else NOMINAL_US
+
+
+def late_us(own_us: float) -> float:
+    """Of slow motion, for a gyro that samples every `own_us`."""
+    return LAG_US * own_us / NOMINAL_US
 
 
 def later_us(own_us: float, wanted_us: float) -> float:
     """By so much a slow movement is later for a gyro that samples every `own_us`."""
-    return 0.0 if far(own_us, wanted_us) else LAG_US * (own_us - wanted_us) / NOMINAL_US
+    return 0.0 if far(own_us, wanted_us) else late_us(own_us) - late_us(wanted_us)
 
 
 def far(own_us: float, wanted_us: float) -> bool:
@@ -59,23 +68,23 @@ def as_sampled_every(samples: Samples, own_us: float, wanted_us: float) -> Sampl
     for part in np.split(np.arange(len(value)), ends):
         room = 1 << (len(part) + 256).bit_length()
         spectrum = np.fft.rfft(np.pad(value[part], (0, room - len(part)), "edge"))
-        row_us = sample_us(samples) if len(part) < 2 else float(np.ptp(time_us[part])) / (len(part) - 1)
+        row_us = sample_us(time_us) if len(part) < 2 else float(np.ptp(time_us[part])) / (len(part) - 1)
         hz: Floats = np.fft.rfftfreq(room, row_us * 1e-6).astype(np.float64)
         wanted, own = (response(np.minimum(hz * each / NOMINAL_US, TRUSTED_HZ)) for each in (wanted_us, own_us))
         value[part] = np.fft.irfft(spectrum * wanted / own, room)[: len(part)]
     return Samples(time_us, value)
 
 
-def as_exposed(time_s: Floats, rate_rad_s: Floats, filtered: bool, exposure_s: float) -> Floats:
-    """The rates as they were before the filters, if they went through them, as far as noise allows; then averaged over
-    an exposure. What they turn a body by until the middle of an exposure is then what a picture shows of it: the mean
-    of the whole."""
+def as_exposed(time_s: Floats, rate_rad_s: Floats, own_us: float | None, exposure_s: float) -> Floats:
+    """The rates as they were before the filters of a gyro that samples every `own_us` (None: they went through none),
+    as far as noise allows; then averaged over an exposure. What they turn a body by until the middle of an exposure is
+    then what a picture shows of it: the mean of the whole."""
     step_s = min(float(np.median(np.diff(time_s))), NOMINAL_US * 1e-6)
     even = np.arange(time_s[0] - EDGE_S, time_s[-1] + EDGE_S, step_s)
-    hz: Floats = np.minimum(np.fft.rfftfreq(len(even), step_s), 0.49e6 / NOMINAL_US)
+    hz: Floats = np.fft.rfftfreq(len(even), step_s).astype(np.float64)
     back = np.sinc(hz * exposure_s).astype(np.complex128)
-    if filtered:
-        through = response(hz)
+    if own_us is not None:
+        through = response(np.minimum(hz * own_us, 0.49e6) / NOMINAL_US)
         back *= through.conj() / (np.abs(through) ** 2 + NOISE) * (1 + NOISE)
     columns = []
     for rate in rate_rad_s.T:

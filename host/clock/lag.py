@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .gyro import Gyro, Refused
-from .gyro_filter import LAG_US
+from .gyro_filter import late_us, sample_us
 from .jackknife import left_out
 from .ticks import Floats
 from .turning import Turning, from_vector, product, to_vector
@@ -120,7 +120,7 @@ def lag_of(poses: Attitudes, gyro: Gyro) -> Lag | Refused:
     return Lag(
         lag_us=late_s * 1e6,
         sigma_us=sigma_us,
-        behind_motion_us=late_s * 1e6 + LAG_US,
+        behind_motion_us=late_s * 1e6 + late_us(sample_us(gyro.time_us)),
         gain=1 + float(state[GAIN][0]),
         mount_deg=tuple(np.degrees(state[MOUNT]).tolist()),
         noise_deg=float(np.degrees(noise)),

@@ -7,7 +7,7 @@ import pytest
 
 from host.clock.camera_fit import Fit, fit, start
 from host.clock.camera_model import LINE, MIDDLE, Places, expected, mount, rotation
-from host.clock.gyro_filter import LAG_US, as_exposed
+from host.clock.gyro_filter import LAG_US, NOMINAL_US, as_exposed
 from host.clock.turning import Turning, from_vector, to_vector
 from sim.turned_camera import Flight, Gyro, Motion, flight
 
@@ -24,7 +24,9 @@ def places(made: Flight, px: float = PX, bands: int = 12) -> tuple[Places, Turni
     inside = (np.abs(after) < [made.optics.width / 2, made.optics.height / 2]).all(axis=1)
     sure = np.tile(np.eye(2) / max(px, 1e-3) ** 2, (len(index), 1, 1))
     time_s = made.gyro_time_s - zero_s
-    turning = Turning(time_s, as_exposed(time_s, np.radians(made.gyro_deg_s), made.gyro.filtered, 0.0))
+    turning = Turning(
+        time_s, as_exposed(time_s, np.radians(made.gyro_deg_s), NOMINAL_US if made.gyro.filtered else None, 0.0)
+    )
     return Places(index, stamps, before, after, sure).some(inside), turning, made.body_middle_s
 
 
@@ -140,7 +142,7 @@ def test_the_gyros_filters_are_undone() -> None:
     gyro = Gyro(noise_deg_s=0.0, bias_deg_s=0.0, gain=0.0, quantum_deg_s=1e-9)
     made = flight(1, "teeter", seconds=8, gyro=gyro)
     true, logged = made.turned.rate(made.gyro_time_s), np.radians(made.gyro_deg_s)
-    back = as_exposed(made.gyro_time_s, logged, True, 0.0)
+    back = as_exposed(made.gyro_time_s, logged, NOMINAL_US, 0.0)
     assert np.abs(np.cumsum(logged - true, axis=0)).max() > 5 * np.abs(np.cumsum(back - true, axis=0)).max()
     assert LAG_US * 1e-6 == pytest.approx(gyro.lag_s, rel=1e-6) == pytest.approx(4.69e-3, rel=1e-3)
     # Slow motion is late by that lag.
