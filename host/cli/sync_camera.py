@@ -106,10 +106,11 @@ def estimates(film: Recorded, found: Aligned) -> dict[str, Any]:
     ahead = (rotation(theta[MOUNT : MOUNT + 3]) @ found.assumed)[2]
     known = film.before_end_us is not None
     begun = found.onsets
+    stm32_us = 1e6 * film.stm32_per_s  # What is added to a stamp has to be on its clock.
     return {
         "of": END if known else MIDDLE_ROW,
-        "offset_us": round(float(theta[MIDDLE]) * 1e6, 1),
-        "offset_sigma_us": round(float(sigma[MIDDLE]) * 1e6, 1),
+        "offset_us": round(float(theta[MIDDLE]) * stm32_us, 1),
+        "offset_sigma_us": round(float(sigma[MIDDLE]) * stm32_us, 1),
         "skew_ppm": round(float(theta[SKEW]) * 1e6, 2),
         "skew_sigma_ppm": round(float(sigma[SKEW]) * 1e6, 2),
         "end_after_middle_us": film.before_end_us and round(film.before_end_us, 1),

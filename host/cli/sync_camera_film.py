@@ -30,7 +30,8 @@ class Recorded:
     index: NDArray[np.int64]
     """Of each frame, in the recording."""
     stamp_us: Floats
-    """As stamped, divided by `stm32_per_s`; of the middle of the middle row's exposure, if the frames tell how far that is before their end."""
+    """As stamped, divided by `stm32_per_s`; of the middle of the middle row's exposure, if the frames tell how far that
+    is before their end."""
     before_end_us: float | None
     """From that to the end of frame: the median. As the stamps, these count the STM32's time, made right if it is slow;
     where frames do not say how their robot's two clocks run, the GAP8's."""
