@@ -41,7 +41,14 @@ RULES: list[tuple[str, set[str], set[str]]] = [
     ),
     (
         "host.link",
-        {"host.link.records", "host.link.assemble", "host.link.dialects", "host.link.expected", "host.link.session"}
+        {
+            "host.link.records",
+            "host.link.assemble",
+            "host.link.dialects",
+            "host.link.expected",
+            "host.link.pairs",
+            "host.link.session",
+        }
         | {"host.protocol", "host.native"}
         | {
             "host.link.finding",

@@ -76,6 +76,7 @@ class Table:
         self.verified = rows.is_verified[keep]
 
     def columns(self) -> dict[str, np.ndarray[Any, np.dtype[Any]]]:
+        columns: dict[str, np.ndarray[Any, np.dtype[Any]]]
         columns = {"stamp_stm32_us": self.stamp_us, "epoch": self.epoch, "verified": self.verified}
         for each in self.rows.type.variables:
             columns[free_name(each.name, columns)] = self.data[each.name]

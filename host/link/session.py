@@ -22,7 +22,8 @@ from ..protocol.packets import CameraSettings, CpxPacket, Route, StreamRequest
 from . import assemble
 from .dialects import SPOKEN, Asking, Dialect, FrameIds, FrameNumbers
 from .expected import Expected
-from .records import LOSS_CAUSES, PAIR_DTYPE, Announced, Event, Frame, Garbage, LostFrame, SessionCounters
+from .pairs import Pairs
+from .records import LOSS_CAUSES, Announced, Event, Frame, Garbage, LostFrame, SessionCounters
 
 Framing = Literal["tcp", "cpx-uart", "stamps"]
 
@@ -37,9 +38,6 @@ SEND_PACKETS = 16
 """Waiting for the line, at most."""
 LINE_OUT_MAX = 512
 """Bytes for a UART that the caller has not fetched, about."""
-PAIRS_KEPT = 8192
-"""Waiting for a frame to carry them, at most: 80 s of them."""
-
 ASKED = (lib.CPX_GAP8, lib.CPX_ESP32, lib.CPX_STM32)
 """The GAP8 for native frames, the ESP32 for its counters, the STM32 for those of its log."""
 
@@ -83,11 +81,7 @@ class Session:
         self._heard_ns: int | None = None
         self._line_us = 0
         self._line_out = b""
-        self._pairs: list[NDArray[np.void]] = []
-        self._pairs_waiting = 0
-        self._pairs_received = 0
-        self._pairs_lost = 0
-        self._pairs_lost_gap8: tuple[int, int] | None = None
+        self._pairs = Pairs()
         self._finished = False
         self._cut_bytes = 0
         changes_rule = framing == "tcp" and dialect not in ("auto", "stock")
@@ -213,10 +207,8 @@ class Session:
         lost = self._lost + self._numbers.lost + self._ids.lost
         counters.frames_lost = {cause: lost[cause] for cause in LOSS_CAUSES}
         counters.renumbered = self._numbers.renumbered
-        counters.pairs = self._pairs_received
-        counters.pairs_lost = self._pairs_lost
-        if self._pairs_lost_gap8 is not None:
-            counters.pairs_lost += self._pairs_lost_gap8[1] - self._pairs_lost_gap8[0]
+        counters.pairs = self._pairs.received
+        counters.pairs_lost = self._pairs.lost
         return counters
 
     def _judge_open(self) -> None:
@@ -282,7 +274,7 @@ class Session:
             self._numbers.stock_came()
         if dialect == lib.DIALECT_NATIVE:
             frame.native = assemble.native_header(closed.header)
-            frame.pairs = self._take_pairs()
+            frame.pairs = self._pairs.give()
             self._asking[lib.CPX_GAP8].arrived()
             self._numbers.came(closed.header.frame, closed.header.frames_unsent, closed.headless)
         elif dialect == lib.DIALECT_PAPER:
@@ -328,19 +320,7 @@ class Session:
         elif data[1] == lib.NATIVE_REPLY:
             events.append(assemble.reply(data, arrival_host_ns))
         else:
-            pairs, lost = assemble.pairs(data)
-            self._pairs_lost_gap8 = (lost if self._pairs_lost_gap8 is None else self._pairs_lost_gap8[0], lost)
-            self._pairs_received += len(pairs)
-            self._pairs.append(pairs)
-            self._pairs_waiting += len(pairs)
-            while self._pairs_waiting > PAIRS_KEPT:
-                oldest = len(self._pairs.pop(0))
-                self._pairs_waiting -= oldest
-                self._pairs_lost += oldest
-
-    def _take_pairs(self) -> NDArray[np.void]:
-        taken, self._pairs, self._pairs_waiting = self._pairs, [], 0
-        return np.concatenate(taken) if taken else np.empty(0, PAIR_DTYPE)
+            self._pairs.take(data)
 
     def _ask(self, now_ns: int | None) -> None:
         if self._to_send:
