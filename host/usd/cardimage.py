@@ -52,6 +52,9 @@ class CardImage:
         """PeerError if it is no FAT volume."""
         self.volume = Volume(memoryview(source).cast("B"))
         self.faults: list[Fault] = []
+        if not self.volume.boot.is_listed:
+            begin = self.volume.boot.start // SECTOR
+            self.faults.append(Fault(0, f"no table of partitions; a volume was found in sector {begin}"))
         self._chains: dict[int, Chain] = {}
         """By their first cluster: every file is held against all others."""
         self.files = list(self._walk())

@@ -5,7 +5,7 @@ believed no further than it makes sense: each thing that is wrong is told with i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ..protocol.errors import PeerError
 
@@ -13,6 +13,8 @@ SECTOR = 512
 """By which places on the card are told, whatever the volume's own sectors are."""
 PARTITIONS_AT, PARTITION_BYTES = 446, 16
 BACKUP_SECTOR = 6
+SEARCHED = 8192
+"""Sectors: cards of 4 GB and more have their volume behind 4 MiB, others earlier."""
 SIGNATURE = b"\x55\xaa"
 
 
@@ -32,6 +34,8 @@ class Boot:
     """What a boot sector says, in bytes of the card."""
 
     start: int
+    hidden: int
+    """Where it believes to begin."""
     bits: int
     cluster_bytes: int
     fats: tuple[int, ...]
@@ -43,6 +47,8 @@ class Boot:
     root_cluster: int
     data: int
     clusters: int
+    is_listed: bool = True
+    """False: no table of partitions led to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +129,8 @@ def entries(table: memoryview, bits: int) -> Sequence[int]:
 
 
 def find_volume(data: memoryview) -> Boot:
-    """On the whole card, or in the first partition that has one; FAT32 has a second boot sector."""
+    """On the whole card, or in the first partition that has one; FAT32 has a second boot sector. Where that leads to
+    nothing, a boot sector that says itself where it lies."""
     partitions = [
         int.from_bytes(data[at + 8 : at + 12], "little") * SECTOR
         for at in range(PARTITIONS_AT, PARTITIONS_AT + 4 * PARTITION_BYTES, PARTITION_BYTES)
@@ -133,6 +140,9 @@ def find_volume(data: memoryview) -> Boot:
         for at in (start, start + BACKUP_SECTOR * SECTOR):
             if boot := read_boot(data, start, at):
                 return boot
+    for at in range(0, min(SEARCHED * SECTOR + SECTOR, len(data)), SECTOR):
+        if bytes(data[at + 510 : at + 512]) == SIGNATURE and (boot := read_boot(data, at, at)) and boot.hidden == at:
+            return replace(boot, is_listed=False)
     for start in [0, *partitions]:
         if bytes(data[start + 3 : start + 11]) == b"EXFAT   ":
             raise PeerError("an exFAT card: the firmware's file system cannot have written it, and it is not read here")
@@ -165,4 +175,6 @@ def read_boot(data: memoryview, start: int, at: int) -> Boot | None:
         return None
     fats = tuple(start + reserved * sector + copy * fat_bytes for copy in range(copies))
     root_cluster = number(44, 4) if bits == 32 else 0
-    return Boot(start, bits, per_cluster * sector, fats, fat_bytes, root_at, root_bytes, root_cluster, first, clusters)
+    hidden = number(28, 4) * SECTOR
+    sizes = per_cluster * sector, fats, fat_bytes, root_at, root_bytes, root_cluster, first, clusters
+    return Boot(start, hidden, bits, *sizes)

@@ -94,6 +94,21 @@ def test_every_file(tmp_path, size_mb):
     assert read(whole, "ALONGN~1.BIN") == all_files()[LONG_NAME]
 
 
+@pytest.mark.parametrize("size_mb", SIZES_MB)
+def test_without_a_table_of_partitions_the_volume_is_searched(size_mb):
+    card = filled(size_mb)
+    start = card.layout.start
+    image = bytearray(image_of(card, (card.layout.data + 4096) * SECTOR))
+    image[:SECTOR] = bytes(SECTOR)
+    found = CardImage(image)
+    assert [(each.sector, str(start) in each.why) for each in found.faults] == [(0, True)]
+    for name, data in all_files().items():
+        assert read(found, name) == data
+    image[start * SECTOR + 28] ^= 1  # A boot sector that says that it lies elsewhere is somebody's copy of one.
+    with pytest.raises(PeerError, match="neither a log nor"):
+        CardImage(image)
+
+
 def open_mapped(path):
     import mmap
 
