@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+enum { SIGN_BYTES_MAX = 4 };
+
 void uart1_rx_init(uart1_rx_t *self, uint8_t kinds) {
     *self = (uart1_rx_t){.kinds = kinds};
 }
@@ -37,15 +39,25 @@ static int decode(bytes_t in, uint8_t kind, uart1_message_t *message) {
     }
 }
 
+/// How many bytes there must be before another look is worth it: what a message starts with is looked at as
+/// it comes, so that a false start is known at once.
+static uint8_t needed(uint8_t kind, uint8_t fill) {
+    const uint8_t least = kind == UART1_STAMP   ? STAMP_BYTES
+                          : kind == UART1_PAPER ? PAPER_STAMP_BYTES
+                                                : NANOCOCKPIT_NOISE_BYTES;
+    return fill >= SIGN_BYTES_MAX && fill < least ? least : (uint8_t)(fill + 1);
+}
+
 static void drop(uart1_rx_t *self, size_t size) {
     self->fill = (uint8_t)(self->fill - size);
     memmove(self->rx, self->rx + size, self->fill);
 }
 
 bool uart1_rx_take(uart1_rx_t *self, uart1_message_t *message) {
-    while (self->fill > 0) {
+    while (self->fill > 0 && self->fill >= self->needs) {
         const uint8_t kind = kind_of(self->rx[0]) & self->kinds;
         const int result = decode((bytes_t){self->rx, self->fill}, kind, message);
+        self->needs = 0;
         if (result > 0) {
             message->kind = kind;
             message->size = (uint8_t)result;
@@ -54,6 +66,7 @@ bool uart1_rx_take(uart1_rx_t *self, uart1_message_t *message) {
             return true;
         }
         if (result == ERR_SHORT) {
+            self->needs = needed(kind, self->fill);
             return false;
         }
         self->bad_check += result == ERR_CHECK;

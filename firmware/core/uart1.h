@@ -31,6 +31,7 @@ typedef struct {
     uint8_t kinds;
     uint8_t rx[UART1_MESSAGE_MAX];
     uint8_t fill;
+    uint8_t needs; ///< until it has so many bytes nothing in it is new
     uint32_t received;
     uint32_t bad_check;
     uint32_t garbage_bytes;

@@ -1,9 +1,10 @@
 /// The GAP8's part: camera frames and the STM32's time in, a stamped image stream out.
 ///
-/// The four verbs are called as in stm32/app.h. The camera is a port: gap8_transmit on it gives a command to
-/// capture into one of GAP8_SLOTS buffers, gap8_receive on it brings the finished body. Bodies are never
-/// copied: the bytes given to gap8_receive stay valid until the next command for the same slot. A command
-/// while a capture is under way (it took too long: GAP8_CAMERA_TIMEOUT_US) replaces it.
+/// The four verbs are called as in stm32/app.h, but that bytes from UART1 need no gap8_transmit before
+/// gap8_deadline has come: they change only what is said of frames. The camera is a port: gap8_transmit on it
+/// gives a command to capture into one of GAP8_SLOTS buffers, gap8_receive on it brings the finished body.
+/// Bodies are never copied: the bytes given to gap8_receive stay valid until the next command for the same
+/// slot. A command while a capture is under way (it took too long: GAP8_CAMERA_TIMEOUT_US) replaces it.
 ///
 /// The images of a burst are taken back to back, so a burst starts when there are slots for all of it; one
 /// that is due and cannot start is counted in captures_late: with a frame period it is left out, without one

@@ -65,7 +65,7 @@ typedef struct {
     uint32_t camera[7];
     bool spi_given;      ///< the kernel has what spi_tx sends
     bool camera_started; ///< it has not got the command yet
-    bool news; ///< what wakes the whole service loop has been raised since the kernel last asked a port
+    bool news;           ///< something has come since the kernel last asked a port: it asks because of that
 } gap8_machine_t;
 
 extern const machine_t gap8_machine;

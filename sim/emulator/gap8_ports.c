@@ -2,7 +2,7 @@
 
 enum { ADDRESS = 0x0, SIZE = 0x4, CFG = 0x8 };                        ///< of a channel
 enum { RX = 0x00, TX = 0x10, UART_STATUS = 0x20, UART_SETUP = 0x24 }; ///< of a peripheral of the uDMA
-enum { CHANNEL_ENABLE = 1 << 4 };
+enum { CHANNEL_CONTINUOUS = 1 << 0, CHANNEL_ENABLE = 1 << 4 };
 enum { UART_SETUP_RX = 1 << 9, UART_SETUP_DIVIDER = 16, UART_BITS = 10, UART_MISMATCH_PERCENT = 4 };
 
 enum { GPIO_IN = 0x04 / 4, GPIO_EVENT_ENABLE = 0x0C / 4, GPIO_TYPE_1 = 0x14 / 4, GPIO_STATUS = 0x18 / 4 };
@@ -41,6 +41,11 @@ static bool channel_read(const gap8_channel_t *channel, uint32_t offset, uint32_
     }
 }
 
+/// Continuous transfers are modelled of one byte.
+static bool may_start(const gap8_channel_t *channel, uint32_t cfg) {
+    return cfg == CHANNEL_ENABLE || (cfg == (CHANNEL_ENABLE | CHANNEL_CONTINUOUS) && channel->size == 1);
+}
+
 // Transfers of bytes, one at a time: the queue of a second one is not modelled.
 static bool channel_write(emulator_t *e, gap8_channel_t *channel, uint32_t offset, uint32_t value) {
     if (channel->cfg != 0) {
@@ -56,13 +61,13 @@ static bool channel_write(emulator_t *e, gap8_channel_t *channel, uint32_t offse
         return true;
     case CFG:
         channel->cfg = value;
-        return value == CHANNEL_ENABLE && l2(e, channel->address, channel->size) != NULL;
+        return may_start(channel, value) && l2(e, channel->address, channel->size) != NULL;
     default:
         return false;
     }
 }
 
-/// The transfer ends with what has come.
+/// The transfer ends with what has come; a continuous one begins anew.
 static void channel_receive(emulator_t *e, gap8_channel_t *channel, bytes_t in, const char *port) {
     if (channel->cfg == 0) {
         emulator_fail(e, "no DMA is set up for what comes on %s", port);
@@ -71,8 +76,10 @@ static void channel_receive(emulator_t *e, gap8_channel_t *channel, bytes_t in, 
     } else if (in.size != 0) {
         memcpy(emulator_at(e, channel->address, in.size), in.data, in.size);
     }
-    channel->size -= (uint32_t)in.size;
-    channel->cfg = 0;
+    if ((channel->cfg & CHANNEL_CONTINUOUS) == 0) {
+        channel->size -= (uint32_t)in.size;
+        channel->cfg = 0;
+    }
 }
 
 /// Nothing on the chip would tell its firmware.

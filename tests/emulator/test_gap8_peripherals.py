@@ -113,6 +113,18 @@ def test_each_byte_on_uart1_is_a_transfer_and_an_event(tmp_path: Path) -> None:
     assert mcu.words("seen", 4) == [8 << 16 | 0x4100, 8 << 16 | 0x4200, 8 << 16 | 0x4300, 0]
 
 
+def test_a_continuous_transfer_of_a_byte_begins_anew_by_itself(tmp_path: Path) -> None:
+    begin = "R(UART_RX) = (uint32_t)(uintptr_t)in; R(UART_RX + 4) = SIZE; R(UART_RX + 8) = 1 << 4 | 1;"
+    for size in (1, 2):
+        (tmp_path / str(size)).mkdir()
+    mcu = uart(tmp_path / "1", again="if (!seen[60]++) { " + begin.replace("SIZE", "1") + " }")
+    mcu.receive(UART1, b"\x41\x42")
+    mcu.receive(UART1, b"\x43")
+    assert mcu.words("seen", 4) == [8 << 16 | 0x4111, 8 << 16 | 0x4211, 8 << 16 | 0x4311, 0]
+    mcu = uart(tmp_path / "2", again=begin.replace("SIZE", "2"))
+    assert "where this model has no register" in mcu.failed
+
+
 def test_what_uart1_cannot_receive_is_said(tmp_path: Path) -> None:
     for name in ("deaf", "once", "slow"):
         (tmp_path / name).mkdir()

@@ -54,10 +54,11 @@ static inline void soc_event_enable(uint32_t event) {
 }
 
 /// What a DMA moves lies in L2, at a word.
-static inline void udma_start(udma_channel_t *channel, const volatile void *address, size_t size) {
+static inline void udma_start(udma_channel_t *channel, const volatile void *address, size_t size,
+                              uint32_t cfg) {
     channel->address = (uint32_t)(uintptr_t)address;
     channel->size = (uint32_t)size;
-    channel->cfg = UDMA_EN;
+    channel->cfg = cfg;
 }
 
 // startup.S

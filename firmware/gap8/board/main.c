@@ -10,6 +10,7 @@ static struct {
     volatile bool wake;      ///< all idle ports are asked
     volatile bool spi_asked; ///< the ESP32 is ready: SPI is asked
     instant_t now;           ///< of the last interrupt
+    uint64_t due_us;         ///< what the app has said last
 } board;
 
 static void receive(gap8_port_t port, bytes_t in) {
@@ -17,9 +18,13 @@ static void receive(gap8_port_t port, bytes_t in) {
     board.wake = true;
 }
 
+// Of 1700 bytes a second, none alone makes the app send anything.
 static void receive_uart(void) {
     const uint8_t byte = uart_take();
-    receive(GAP8_PORT_UART1, (bytes_t){&byte, 1});
+    gap8_receive(&board_app, GAP8_PORT_UART1, (bytes_t){&byte, 1}, board.now);
+    if (board.now.up_us >= board.due_us) {
+        board.wake = true;
+    }
 }
 
 static void receive_spi(void) {
@@ -92,9 +97,9 @@ static void ask_camera(void) {
 }
 
 static void set_alarm(void) {
-    const uint64_t due_us = gap8_deadline(&board_app);
+    board.due_us = gap8_deadline(&board_app);
     // One that has passed was served just now: it waits for the next event.
-    if (!alarm_set(due_us > board.now.up_us ? due_us : NEVER_US)) {
+    if (!alarm_set(board.due_us > board.now.up_us ? board.due_us : NEVER_US)) {
         board.now = clock_now();
         board.wake = true;
     }

@@ -14,7 +14,8 @@ typedef struct {
 } udma_channel_t;
 
 enum {
-    UDMA_EN = 1 << 4, ///< reads as 1 while a transfer is under way
+    UDMA_CONTINUOUS = 1 << 0, ///< at its end it begins anew, with the same address and size
+    UDMA_EN = 1 << 4,         ///< reads as 1 while a transfer is under way
 };
 
 typedef struct {

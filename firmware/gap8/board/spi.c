@@ -33,7 +33,7 @@ bytes_mut_t spi_room(void) {
 
 void spi_start(size_t size) {
     busy = true;
-    udma_start(&SPIM1->tx, out, size);
+    udma_start(&SPIM1->tx, out, size, UDMA_EN);
 }
 
 void spi_start_empty(void) {
@@ -50,7 +50,7 @@ bytes_t spi_received(void) {
 }
 
 void spi_listen(void) {
-    udma_start(&SPIM1->rx, in, sizeof in);
+    udma_start(&SPIM1->rx, in, sizeof in, UDMA_EN);
 }
 
 bool spi_wanted(void) {
