@@ -75,6 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def source_of(label: str, file: str, log: Log) -> Source:
     """The gyro's rows of the log's longest epoch. PeerError if it has none."""
+    if not any(len(rows) for rows in log.rows.values()):
+        raise PeerError(f"{file}: no rows: see 'host usd check'")
     for group, axes in GYROS:
         names = tuple(f"{group}.{axis}" for axis in axes)
         having = [rows for rows in log.rows.values() if set(names) <= set(rows.data.dtype.names or ()) and len(rows)]

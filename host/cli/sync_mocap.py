@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def tracks_of(file: str, log: Log, source: str | None) -> list[Track]:
-    """Those with attitudes. LocalError if there are none."""
+    """Those with attitudes. PeerError if there are none; LocalError if `source` is none."""
     tracks = []
     for name in [source] if source else SOURCES:
         try:
@@ -63,7 +63,7 @@ def tracks_of(file: str, log: Log, source: str | None) -> list[Track]:
         if track.attitude is not None:
             tracks.append(track)
     if not tracks:
-        raise LocalError(f"{file}: no attitude in it: log locSrv.qx to .qw on:estPose, or stateEstimate.qx to .qw")
+        raise PeerError(f"{file}: no attitude in it: log locSrv.qx to .qw on:estPose, or stateEstimate.qx to .qw")
     return tracks
 
 

@@ -45,7 +45,7 @@ def by_beacons(labels: Sequence[str], fits: Sequence[Against]) -> Iterator[Shape
 
 
 def by_broadcasts(heard: Sequence[Heard], pairs: Sequence[Pair]) -> Iterator[Shape]:
-    yield Words(LEFT, 20, "clocks against each other, by broadcasts that both heard", 16, bold=True)
+    yield Words(LEFT, 20, "clocks against each other, by broadcasts", 16, bold=True)
     yield from names([f"{heard[each.second].name} - {heard[each.first].name}" for each in pairs])
     both = [matched(heard[each.first], heard[each.second], each) for each in pairs]
     begin_us = min(float(here[0]) for here, _ in both)

@@ -116,8 +116,8 @@ def align(
         rows = f"from {gyro_us[0]:.0f} to {gyro_us[-1]:.0f} us" if len(gyro_us) else "none"
         return Refused(
             "the log does not cover the frames",
-            f"{heard.sum()} of {len(stamps)}: frames from {stamps[0]:.0f} to {stamps[-1]:.0f} us, rows {rows}; were"
-            " both made in one run, without a reset between?",
+            f"only {heard.sum()} of {len(stamps)} (from {stamps[0]:.0f} to {stamps[-1]:.0f} us; rows {rows}): were both"
+            " made in one run, without a reset between?",
         )
     near = (time_s > stamp_s[0] - reach_s - 1) & (time_s < stamp_s[-1] + reach_s + 1)
     time_s, rate_rad_s = time_s[near], rate_rad_s[near]

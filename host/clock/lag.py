@@ -45,6 +45,7 @@ NOISE = 1e-3
 """rad, of an attitude: until it is known."""
 PRIOR = np.array([np.inf, 0.05, *[0.1] * 3, *[0.05] * 3])
 """How large each may be; rad and rad/s. It holds what a motion does not show."""
+NOTHING = np.zeros(len(PRIOR))
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,13 +92,14 @@ def lag_of(poses: Attitudes, gyro: Gyro) -> Lag | Refused:
     found = fit.searched()
     if isinstance(found, Refused):
         return found
-    late_s, used = found, np.ones(len(fit.time_s), np.bool_)
+    late_s, mount, used = found, np.zeros(3), np.ones(len(fit.time_s), np.bool_)
     for step in range(STEPS_MAX):
-        rows = fit.rows(late_s, used)
+        rows = fit.rows(late_s, used, mount)
         if len(np.unique(rows.number)) < SEGMENTS_MIN:
             return Refused(f"less than {SEGMENTS_MIN} seconds with attitudes and gyro")
-        state, left = rows.solved()
+        state, left = rows.solved(mount)
         late_s += float(state[0])
+        mount = mount + state[MOUNT]
         size = np.abs(left.reshape(-1, 3)).max(axis=1)
         if step > 1 and abs(state[0]) < STEP_US * 1e-6:
             break
@@ -122,7 +124,7 @@ def lag_of(poses: Attitudes, gyro: Gyro) -> Lag | Refused:
         sigma_us=sigma_us,
         behind_motion_us=late_s * 1e6 + late_us(sample_us(gyro.time_us)),
         gain=1 + float(state[GAIN][0]),
-        mount_deg=tuple(np.degrees(state[MOUNT]).tolist()),
+        mount_deg=tuple(np.degrees(mount).tolist()),
         noise_deg=float(np.degrees(noise)),
         rate_dps=rate_dps,
         poses=len(rows.place),
@@ -145,10 +147,13 @@ class Rows:
     columns: Floats
     residual: Floats
 
-    def solved(self) -> tuple[Floats, Floats]:
-        """The state's change, and what is left. The prior is weighed by the noise that there is."""
-        noise = float(solved(self.columns, self.residual, held(NOISE))[1].std())
-        return solved(self.columns, self.residual, held(noise))
+    def solved(self, mount: Floats) -> tuple[Floats, Floats]:
+        """The state, of lag and mount what they change by; and what is left. The prior is weighed by the noise that
+        there is, and holds all of the mount."""
+        already = NOTHING.copy()
+        already[MOUNT] = mount
+        noise = float(solved(self.columns, self.residual, held(NOISE), already)[1].std())
+        return solved(self.columns, self.residual, held(noise), already)
 
     def sigma(self, noise: float, left: Floats) -> float:
         """Of the lag."""
@@ -156,9 +161,10 @@ class Rows:
         return float(np.sqrt(left_out(self.columns, left, number, held(noise)).spread[0, 0]))
 
 
-def solved(columns: Floats, residual: Floats, prior: Floats) -> tuple[Floats, Floats]:
-    """By least squares; and what is left."""
-    state: Floats = np.linalg.solve(columns.T @ columns + prior, columns.T @ residual).astype(np.float64)
+def solved(columns: Floats, residual: Floats, prior: Floats, already: Floats) -> tuple[Floats, Floats]:
+    """By least squares, beyond what is in `residual` already; and what is left."""
+    pulled = columns.T @ residual - prior @ already
+    state: Floats = np.linalg.solve(columns.T @ columns + prior, pulled).astype(np.float64)
     return state, residual - columns @ state
 
 
@@ -181,10 +187,10 @@ class LagFit:
         segments = np.ptp(self.time_s) / SEGMENT_S + 1
         some = np.arange(len(self.time_s)) % max(int(len(self.time_s) / segments / SEARCHED), 1) == 0
         for place, lag_us in enumerate(SEARCH_US.tolist()):
-            rows = self.rows(lag_us * 1e-6, some)
+            rows = self.rows(lag_us * 1e-6, some, NOTHING[MOUNT])
             if len(rows.place):
                 errors[place] = float(
-                    np.median(np.abs(solved(rows.columns[:, 1:], rows.residual, held(NOISE)[1:, 1:])[1]))
+                    np.median(np.abs(solved(rows.columns[:, 1:], rows.residual, held(NOISE)[1:, 1:], NOTHING[1:])[1]))
                 )
         best = int(np.argmin(errors))
         if not np.isfinite(errors[best]):
@@ -194,7 +200,8 @@ class LagFit:
             return Refused("too little rotation, or an even one: no lag between -60 and 160 ms fits better than others")
         return float(SEARCH_US[best]) * 1e-6
 
-    def rows(self, late_s: float, used: NDArray[np.bool_]) -> Rows:
+    def rows(self, late_s: float, used: NDArray[np.bool_], mount: Floats) -> Rows:
+        """`mount` is taken off: of a degree, what is not linear in it would be 13 us of lag."""
         at_s = self.time_s - late_s
         place = np.flatnonzero(used & self.turning.is_known(at_s - RATE_S, at_s + RATE_S))
         segment = np.floor(self.time_s[place] / SEGMENT_S)
@@ -207,14 +214,15 @@ class LagFit:
         at_s = at_s[place]
         origin_s = np.full(len(at_s), self.turning.time_s[0])
         body = from_vector(self.turning.between(origin_s, at_s))
-        apart = product(self.attitude[place], conjugate(body))
+        attitude = product(self.attitude[place], from_vector(-mount[None]))
+        apart = product(attitude, conjugate(body))
         residual = to_vector(product(conjugate(apart[starts])[number], apart))
         rate = rotated(body, self.turning.between(at_s - RATE_S, at_s + RATE_S) / (2 * RATE_S))
         step_s = np.diff(at_s, prepend=at_s[:1])
         step = rotated(body, self.turning.between(at_s - step_s, at_s))
-        mount = [rotated(body, np.tile(axis, (len(body), 1))) for axis in np.eye(3)]
+        turns = [rotated(body, np.tile(axis, (len(body), 1))) for axis in np.eye(3)]
         columns = np.stack(
-            [-rate, np.cumsum(step, axis=0), *mount, *(np.cumsum(each * step_s[:, None], axis=0) for each in mount)],
+            [-rate, np.cumsum(step, axis=0), *turns, *(np.cumsum(each * step_s[:, None], axis=0) for each in turns)],
             axis=2,
         )
         every = np.concatenate([columns, residual[:, :, None]], axis=2)

@@ -55,6 +55,15 @@ def test_known_lags(lag_us: float) -> None:
     assert abs(own.behind_motion_us - lag_us / 2) < 3.5 * own.sigma_us
 
 
+def test_a_mount_that_is_askew_is_no_lag() -> None:
+    """Without noise. What is not linear in the angle counts too."""
+    flight = Flight(seed=6, seconds=12, mount_deg=3.0, mocap_noise_deg=0, mocap_jitter_us=0, gyro_noise_dps=0)
+    gyro, mocap, _ = read(pose_log(flight))
+    found = known(flight, lag_of(mocap, gyro))
+    assert abs(found.behind_motion_us - 12_000) < 5
+    assert found.mount_deg == pytest.approx((3, 3, 3), abs=0.05)
+
+
 def test_against_another_estimator() -> None:
     """How fast motion capture turns between poses, about the axis that turns most, against the gyro's mean in the same
     time, shifted by 1 ms steps; and a parabola through the best three."""
