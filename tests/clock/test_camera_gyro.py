@@ -144,10 +144,11 @@ def test_slow_swings_tell_too_little() -> None:
 def test_a_rhythm_fits_at_several_offsets() -> None:
     made = swung(1, 57.3, 2.5)
     rates = made.turned.rate(made.gyro_time_s)
-    got = align(Film(made), made.gyro_time_s * 1e6, rates, made.optics.line_s, filtered=False)
+    film = Film(made)
+    got = align(film, made.gyro_time_s * 1e6, rates, made.optics.line_s, filtered=False)
     assert isinstance(got, Refused)
     assert got.reason == "several offsets fit"
-    near = align(Film(made), made.gyro_time_s * 1e6, rates, made.optics.line_s, filtered=False, reach_s=0.1)
+    near = align(film, made.gyro_time_s * 1e6, rates, made.optics.line_s, filtered=False, reach_s=0.1)
     assert isinstance(near, Aligned)
     assert abs(near.fitted.theta[MIDDLE] - made.body_middle_s) < 0.1e-3
 

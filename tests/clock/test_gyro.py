@@ -147,7 +147,7 @@ def test_clocks_that_warm_up_bend_and_the_sigmas_know() -> None:
     assert found.sigma_us > 5
     assert abs(off_us(made, found)) < 2 * found.sigma_us
     assert abs(found.start_us - made.shift_us(0.0)) < 2 * found.start_sigma_us
-    assert compared(teeter(Board(seed=3, seconds=60.0, impacts=12))).bend_ppm == 0
+    assert compared(teeter(Board(seed=3, **SHORT))).bend_ppm == 0
 
 
 def test_a_hole_in_the_rows_is_left_out() -> None:
