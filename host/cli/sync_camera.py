@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
         record |= estimates(film, found)
         print(line(record) if arguments.json else "\n".join(lines(record)))
         if drawing and write_picture:
-            drawing.write(write_picture(WIDTH, HEIGHT, picture(found)))
+            drawing.write(write_picture(WIDTH, HEIGHT, picture(found, film.stm32_per_s)))
     return 0
 
 

@@ -16,13 +16,14 @@ WIDTH, HEIGHT = 1200, 770
 OUTLIER_PX = 5.0
 
 
-def picture(found: Aligned) -> list[Shape]:
-    return list(shapes(found))
+def picture(found: Aligned, stm32_per_s: float) -> list[Shape]:
+    """`stm32_per_s`: the offset is told on the stamps' clock, as in the table."""
+    return list(shapes(found, stm32_per_s))
 
 
-def shapes(found: Aligned) -> Iterator[Shape]:
-    theta, sigma = found.fitted.theta, found.fitted.sigma
-    title = f"offset {theta[MIDDLE] * 1e3:+.3f} ± {sigma[MIDDLE] * 1e3:.3f} ms (one sigma)"
+def shapes(found: Aligned, stm32_per_s: float) -> Iterator[Shape]:
+    offset_ms, sigma_ms = (each[MIDDLE] * 1e3 * stm32_per_s for each in (found.fitted.theta, found.fitted.sigma))
+    title = f"offset {offset_ms:+.3f} ± {sigma_ms:.3f} ms (one sigma)"
     yield Words(LEFT, 28, title, 16, bold=True)
     known = np.isfinite(found.first.explained_at)
     offsets_ms = found.first.offsets_s[known] * 1e3
