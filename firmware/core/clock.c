@@ -7,6 +7,8 @@ enum {
     EARLY_US = 2000,      ///< earlier than the bound and this is no drift
     AGREE_US = 10000,     ///< messages of a leap among each other
     HELD_SPAN_US = 30000, ///< and not all at once, as a backlog comes
+    RECENT = 11,          ///< as DOUBT, of messages' sum
+    RECENT_MOST = 4,      ///< mean delays that one of them counts for
     QUEUED_US = 3000,     ///< a message this close behind another waited for it
 };
 
@@ -21,6 +23,15 @@ uint32_t clock_root(uint64_t square) {
         }
     }
     return (uint32_t)result;
+}
+
+uint64_t clock_late_by_no_chance(const clock_track_t *self, uint64_t sum_q8, uint32_t count, uint32_t doubt) {
+    const uint64_t mean_q8 = self->mean_q8;
+    if (sum_q8 <= mean_q8 * count) {
+        return 0;
+    }
+    const uint64_t over_q8 = sum_q8 - mean_q8 * count;
+    return 3 * over_q8 * over_q8 > doubt * mean_q8 * (6 * mean_q8 * count + 4 * over_q8) ? over_q8 : 0;
 }
 
 void clock_track_init(clock_track_t *self, const clock_known_t *known) {
@@ -48,6 +59,7 @@ static void begin_epoch(clock_track_t *self, uint64_t stm32_us, uint64_t gap8_us
     self->doubt_recent_us = 0;
     self->doubt_blocks_us = 0;
     self->doubt_windows_us = 0;
+    self->doubt_sag_us = 0;
     self->doubt_early_us = 0;
     memset(self->apart, 0, sizeof self->apart);
     self->held_fill = 0;
@@ -62,21 +74,33 @@ static void close_block(clock_track_t *self, int32_t gap8_us) {
     self->young = self->young && passed(self->begin_gap8_us, self->last_gap8_us) < CLOCK_YOUNG_US;
 }
 
-/// The newest messages, none of them queued behind another: so many in a row so late are no chance.
+/// The newest messages, none of them queued behind another: so many in a row so late are no chance. Nor is
+/// their sum, of which one alone may be far too late.
 static void remember(clock_track_t *self, int64_t above_q8) {
     self->recent_head = (uint8_t)((self->recent_head + 1) % CLOCK_RECENT);
-    self->recent_q8[self->recent_head] = above_q8;
+    self->recent_q8[self->recent_head] = above_q8 < 0 ? at_most((uint64_t)-above_q8, LATE_US * Q8) : 0;
     self->recent_fill = (uint8_t)(self->recent_fill < CLOCK_RECENT ? self->recent_fill + 1 : CLOCK_RECENT);
     self->doubt_recent_us = 0;
-    int64_t gap_q8 = INT64_MAX;
+    const uint32_t ticks_q8 = hidden_q8(self);
+    const uint32_t most_q8 = self->mean_q8 * RECENT_MOST;
+    uint32_t least_q8 = UINT32_MAX;
+    uint64_t sum_q8 = 0;
     for (uint8_t i = 0; i < self->recent_fill; i++) {
-        const int64_t each =
-            -self->recent_q8[(self->recent_head + CLOCK_RECENT - i) % CLOCK_RECENT] - hidden_q8(self);
-        gap_q8 = each < gap_q8 ? each : gap_q8;
-        if (i > 0 && gap_q8 * (i + 1) > (int64_t)self->mean_q8 * DOUBT) {
-            const uint32_t gap_us = (uint32_t)(gap_q8 / Q8);
-            self->doubt_recent_us = gap_us > self->doubt_recent_us ? gap_us : self->doubt_recent_us;
+        const uint32_t each_q8 = self->recent_q8[(self->recent_head + CLOCK_RECENT - i) % CLOCK_RECENT];
+        const uint32_t late_q8 = each_q8 > ticks_q8 ? each_q8 - ticks_q8 : 0;
+        least_q8 = late_q8 < least_q8 ? late_q8 : least_q8;
+        sum_q8 += late_q8 < most_q8 ? late_q8 : most_q8;
+        const uint32_t count = i + 1U;
+        uint64_t far_q8 = 0;
+        if (count > 1 && (uint64_t)least_q8 * count > (uint64_t)self->mean_q8 * DOUBT) {
+            far_q8 = least_q8;
         }
+        if ((count & i) == 0 && count > 2) {
+            const uint64_t over_q8 = clock_late_by_no_chance(self, sum_q8, count, RECENT);
+            far_q8 = 2 * over_q8 / count > far_q8 ? 2 * over_q8 / count : far_q8;
+        }
+        const uint32_t far_us = at_most(far_q8 / Q8, LATE_US);
+        self->doubt_recent_us = far_us > self->doubt_recent_us ? far_us : self->doubt_recent_us;
     }
 }
 

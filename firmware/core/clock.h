@@ -18,7 +18,7 @@
 enum {
     CLOCK_BLOCKS = 64,
     CLOCK_WINDOWS = 4,
-    CLOCK_RECENT = 8,
+    CLOCK_RECENT = 32,
     CLOCK_HELD = 6,    ///< messages in a row that agree with each other and not with the line: a leap
     CLOCK_FRAMES = 64, ///< of the dejitter
     CLOCK_YOUNG_US = 1000000,
@@ -79,11 +79,12 @@ typedef struct {
     uint32_t window_count;
     uint32_t mean_q8;       ///< delay over the smallest, us * 256
     clock_apart_t apart[3]; ///< of the windows, from the second on
-    int64_t recent_q8[8];   ///< the newest messages against the line, ring
+    uint32_t recent_q8[32]; ///< how late the newest messages were by the line, ring
     uint8_t recent_head;
     uint8_t recent_fill;
     uint32_t doubt_recent_us;  ///< by how much the line may be wrong: by these,
     uint32_t doubt_blocks_us;  ///< by the newest blocks,
+    uint32_t doubt_sag_us;     ///< by the blocks of its window,
     uint32_t doubt_windows_us; ///< by the lines of shorter windows,
     uint32_t doubt_early_us;   ///< by a message that was too early
     uint8_t doubt_early_blocks;

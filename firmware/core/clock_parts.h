@@ -38,6 +38,10 @@ static inline uint32_t hidden_q8(const clock_track_t *self) {
 
 // clock.c
 uint32_t clock_root(uint64_t square);
+/// By how much `sum_q8` of so many delays is above its mean, if that has a chance of less than e^-doubt; else
+/// 0. Delays are exponential: a sum that is r of its mean above it has exp(-count (r - ln(1 + r))), and that
+/// is less than exp(-count r^2 / (2 + 4/3 r)).
+uint64_t clock_late_by_no_chance(const clock_track_t *self, uint64_t sum_q8, uint32_t count, uint32_t doubt);
 
 // clock_blocks.c. Times are after the anchor.
 /// None, and an open one from the anchor on.

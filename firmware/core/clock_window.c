@@ -8,6 +8,7 @@ enum {
     SKEW_SPAN_US = 2000000,      ///< shorter ones are of less worth than a skew that was kept
     LEAP_US = 1000,              ///< starved by more: a leap, not drift
     MESSAGES_MIN = 8,            ///< for a first line
+    SAG = 9,                     ///< as DOUBT, of many blocks
     STARVED = 24,                ///< as DOUBT: history is wrong
     STARVED_BLOCKS_US = 1000000, ///< for so long
 };
@@ -204,6 +205,24 @@ static void starve(clock_track_t *self) {
     }
 }
 
+/// By how much the newest blocks of the line's window, however many, are farther below it than chance has it.
+/// Of so many messages the least delay, times their count, is exponential as one delay is.
+static void sag(clock_track_t *self) {
+    self->doubt_sag_us = 0;
+    uint64_t sum_q8 = 0;
+    uint32_t count = 0;
+    for (uint8_t i = 0; i < self->blocks_fill && count < self->window_count; i++) {
+        const clock_block_t *block = &self->blocks[self->blocks_fill - 1 - i];
+        const int64_t gap_q8 =
+            line_at(&self->line, block->gap8_us) - (int64_t)block->ahead_us * Q8 - hidden_q8(self);
+        sum_q8 += (gap_q8 < 0 ? 0 : at_most((uint64_t)gap_q8, LATE_US * Q8)) * (uint64_t)block->count;
+        count += block->count;
+        const uint64_t over_q8 = clock_late_by_no_chance(self, sum_q8, i + 1U, SAG);
+        const uint32_t far_us = at_most(2 * over_q8 / count / Q8, LATE_US);
+        self->doubt_sag_us = far_us > self->doubt_sag_us ? far_us : self->doubt_sag_us;
+    }
+}
+
 void clock_track_window_renew(clock_track_t *self) {
     uint32_t count = 0;
     for (uint8_t i = 0; i < self->blocks_fill && count < MESSAGES_MIN; i++) {
@@ -213,6 +232,7 @@ void clock_track_window_renew(clock_track_t *self) {
         choose(self);
         self->fitted = true;
         starve(self);
+        sag(self);
     }
     if (self->window_us >= SKEW_KNOWN_US) {
         self->skewed = true;

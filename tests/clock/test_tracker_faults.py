@@ -31,6 +31,8 @@ class Case:
     """Error of the frames without a warning, but for those."""
     flagged: float = 0.03
     """Share of frames with a warning or refused, at most."""
+    good: float = 0.25
+    """Share of frames without a warning, at least."""
     flag: int = 0
     """That some frame has."""
 
@@ -53,10 +55,10 @@ CASES = {
         lambda made, _: stm32_leap(made, MIDDLE, -3_000), unwarned=2, flag=lib.FRAME_QUARANTINE, flagged=0.06
     ),
     "gap8 starts anew": Case(lambda made, _: gap8_reboot(made, MIDDLE, 1.5), flag=lib.FRAME_COLD, flagged=0.06),
-    "50 ppm more": Case(link=Link("presc85", 500, SECONDS, rate_step_ppm=50), unwarned=60, flagged=0.1),
-    "50 ppm less": Case(link=Link("presc85", 500, SECONDS, rate_step_ppm=-50), unwarned=60, flagged=0.1),
-    "2000 ppm more": Case(link=Link("presc85", 500, SECONDS, rate_step_ppm=2000), unwarned=16, flagged=0.1),
-    "2000 ppm less": Case(link=Link("presc85", 500, SECONDS, rate_step_ppm=-2000), unwarned=10, flagged=0.1),
+    "50 ppm more": Case(link=Link("presc85", 500, SECONDS, rate_step_ppm=50), unwarned=50, flagged=0.1),
+    "50 ppm less": Case(link=Link("presc85", 500, SECONDS, rate_step_ppm=-50), unwarned=10, flagged=0.12),
+    "2000 ppm more": Case(link=Link("presc85", 500, SECONDS, rate_step_ppm=2000), unwarned=10, flagged=0.1),
+    "2000 ppm less": Case(link=Link("presc85", 500, SECONDS, rate_step_ppm=-2000), unwarned=3, flagged=0.1),
     "nothing for 3 s": Case(lambda made, _: silence(made, MIDDLE, 3), flag=lib.FRAME_HOLDOVER, flagged=0.08),
     "nothing for 15 s": Case(lambda made, _: silence(made, MIDDLE, 15), flag=lib.FRAME_REFUSED, flagged=0.3),
     "half a second at once": Case(lambda made, _: backlog(made, MIDDLE, 0.5)),
@@ -74,12 +76,20 @@ CASES = {
         link=Link("presc85", 500, SECONDS, delay_us=lambda t: np.where(t % 1 < 0.04, 4e4 - t % 1 * 1e6, 0))
     ),
     "delays rise to 2 ms": Case(link=Link("presc85", lambda t: np.where(t < 30, 50.0, 2000.0), SECONDS), flagged=0.1),
-    # Until some periods have passed a ramp of delays looks like skew.
+    # Until a period has passed a ramp of delays looks like skew; then every frame has a warning.
     "delays of a period, not random": Case(
         link=Link("presc85", 1, SECONDS, delay_us=lambda t: 1000 * (t / 0.6173 % 1)),
-        unwarned=50,
+        unwarned=24,
         worst_us=1000,
-        flagged=0.6,
+        flagged=1,
+        good=0,
+    ),
+    "delays that swing within 1 s": Case(
+        link=Link("presc85", 100, SECONDS, delay_us=lambda t: 500 - 500 * np.cos(2 * np.pi * t)),
+        unwarned=22,
+        worst_us=1000,
+        flagged=1,
+        good=0,
     ),
     "half lost, 2 s at a time": Case(link=Link("presc85", 500, SECONDS, loss=0.5, burst_s=2), flagged=0.7),
 }
@@ -103,10 +113,10 @@ def test_no_wrong_time_without_a_warning(name: str, seed: int) -> None:
     assert far.sum() <= case.unwarned, (again, result.at_s[far], result.error_us[far])
     assert wrong.sum() <= case.unwarned + 0.015 * len(wrong), again
     good = later & result.given & ~result.flagged & ~wrong
-    assert np.abs(result.error_us[good]).max() <= case.worst_us, again
+    assert np.abs(result.error_us[good]).max(initial=0) <= case.worst_us, again
     assert result.flagged[later].mean() <= case.flagged, again
-    assert good.mean() > 0.25, again
+    assert good.mean() >= case.good, again
     if case.flag:
         assert (result.times["flags"] & case.flag).any(), again
     end = result.at_s > SECONDS - 5
-    assert np.nanmedian(np.abs(result.error_us[end])) < 20, again
+    assert not case.good or np.nanmedian(np.abs(result.error_us[end])) < 20, again
