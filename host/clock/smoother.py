@@ -32,6 +32,12 @@ OUTLIER = 6.0
 MISFIT = 1.7
 NEAR = 4
 """Blocks."""
+KINKS = ((4, 6.0), (16, 4.0))
+"""A step of the rate is seen by so many blocks on either side, in sigmas."""
+KINK_PPM_MAX = 5000.0
+"""More is no clock: messages that came late, many at once."""
+KINK = 1.2
+"""Block lengths."""
 NOTHING_US = 1e5
 """Sigma of a reading that says nothing."""
 END_S = 1e-3
@@ -116,6 +122,7 @@ def smooth(time_s: Floats, offset_us: Floats, tick_us: float, block_s_max: float
         values.append(value)
         sigmas.append(scatter)
     bound = COVERED * sigma + BIAS * bias + misfit(*finest, chosen)
+    bound += kinks(*finest, grid, block, block_s)
     return Smoothed(chosen, bound, block, mu_time_s, mu_us, kept)
 
 
@@ -190,6 +197,27 @@ def misfit(time_s: Floats, value_us: Floats, sigma_us: Floats, curve: Track) -> 
     )
     near: Floats = MISFIT * np.interp(curve.time_s, time_s, worst)
     return near
+
+
+def kinks(time_s: Floats, value_us: Floats, sigma_us: Floats, at_s: Floats, block_s: Floats, least_s: float) -> Floats:
+    """How far off a curve of such blocks is where the rate steps nearby by more than noise explains: it cannot bend so
+    fast. `least_s`: the shortest blocks, whose readings these are."""
+    found = np.zeros(len(at_s))
+    for side, sigmas in KINKS:
+        if len(time_s) < 2 * side + 1:
+            break
+        times, values, noise = (np.lib.stride_tricks.sliding_window_view(each, side) for each in
+                                (time_s, value_us, sigma_us))  # fmt: skip
+        apart_s = times - times.mean(axis=1, keepdims=True)
+        square = (apart_s**2).sum(axis=1)
+        rate = (apart_s * values).sum(axis=1) / square
+        variance = (noise**2).mean(axis=1) / square
+        step = np.abs(rate[side + 1 :] - rate[: -side - 1])
+        sure = step > sigmas * np.sqrt(variance[side + 1 :] + variance[: -side - 1])
+        here = np.pad(np.where(sure & (step < KINK_PPM_MAX), step, 0.0), side)
+        near = np.lib.stride_tricks.sliding_window_view(np.pad(here, NEAR), 2 * NEAR + 1).max(axis=1)
+        found = np.maximum(found, np.interp(at_s, time_s, near) * np.minimum(block_s, side * least_s))
+    return KINK * found
 
 
 def deviance(away: Floats) -> Floats:

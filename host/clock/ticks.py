@@ -38,6 +38,8 @@ STEP_US = 600.0
 """Smaller steps are not told from changes of the rate."""
 STEP_SIGMAS = 10.0
 STEP_TICKS = 2.5
+KINK_BLOCKS = 2.0
+"""Smaller steps than the rate's change makes in so many blocks are that change."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,6 +238,10 @@ def stepped(level: Floats, gap8: Floats, why: str, coarse_us: float) -> list[tup
     usual = float(np.median(length))
     step = np.where((spans.max(axis=1) > 3 * usual) | (spans.min(axis=1) < usual / 3), 0.0, step)
     noise = float(np.median(np.abs(step))) / 0.6745
+    # Where the rate steps within a block, lines that are drawn on to its boundary miss each other too.
+    slope = (at - at.mean()) / ((at - at.mean()) ** 2).sum()
+    rate = np.convolve(least, slope[::-1], mode="valid")
+    step = np.where(np.abs(step) < KINK_BLOCKS * np.abs(rate[SIDE:] - rate[: len(rate) - SIDE]), 0.0, step)
     size = np.abs(step)
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(size, SIDE), 2 * SIDE + 1).max(axis=1)
     peaks = np.flatnonzero((size == windows) & (size > max(STEP_US, STEP_TICKS * coarse_us, STEP_SIGMAS * noise)))

@@ -66,6 +66,22 @@ def test_bad_links_and_coarse_clocks(link: Link, p95_us: float) -> None:
     assert (np.abs(error) <= bound).mean() >= 0.98
 
 
+@pytest.mark.parametrize(
+    ("step_ppm", "mu_us"),
+    [(step, mu) for step in (50.0, -50.0) for mu in (50.0, 500.0)]
+    + [(step, mu) for step in (2000.0, -2000.0) for mu in (50.0, 500.0, 2000.0)],
+)
+def test_a_step_of_the_rate_leaves_no_wrong_frame(step_ppm: float, mu_us: float) -> None:
+    for seed in range(4):
+        made = run(Link("presc85", mu_us, seconds=60, rate_step_ppm=step_ppm), seed)
+        got = stamped(made)
+        assert len(got.fitted) == 1, f"seed {seed}"
+        assert not got.refused, f"seed {seed}"
+        over_us = np.abs(got.stm32_us - made.frame_true_us) - got.bound_us
+        near = np.abs(made.frame_us * 1e-6 - 30) < 5
+        assert over_us[near].max() <= 0, f"seed {seed}"
+
+
 def test_the_track_is_the_least_squares_estimate() -> None:
     """Against the same model written out as one system of weighted equations."""
     random = np.random.default_rng(1)
