@@ -26,12 +26,17 @@ uint32_t clock_root(uint64_t square) {
 }
 
 uint64_t clock_late_by_no_chance(const clock_track_t *self, uint64_t sum_q8, uint32_t count, uint32_t doubt) {
-    const uint64_t mean_q8 = self->mean_q8;
-    if (sum_q8 <= mean_q8 * count) {
+    const uint64_t expected_q8 = (uint64_t)self->mean_q8 * count;
+    if (sum_q8 <= expected_q8) {
         return 0;
     }
-    const uint64_t over_q8 = sum_q8 - mean_q8 * count;
-    return 3 * over_q8 * over_q8 > doubt * mean_q8 * (6 * mean_q8 * count + 4 * over_q8) ? over_q8 : 0;
+    uint64_t mean = self->mean_q8;
+    uint64_t over = sum_q8 - expected_q8;
+    while (over >= (uint64_t)1 << 29) { // so that its square keeps to 64 bits
+        over >>= 4;
+        mean >>= 4;
+    }
+    return 3 * over * over > doubt * mean * (6 * mean * count + 4 * over) ? sum_q8 - expected_q8 : 0;
 }
 
 void clock_track_init(clock_track_t *self, const clock_known_t *known) {
