@@ -18,11 +18,15 @@ from .settings import Camera, Clock, Paper, Pose, RobotSettings, Wire
 
 APB1_HZ = 42_000_000
 UART1_DIVISOR = 365
+GAP8_HZ = 50_000_000
+UART1_GAP8_DIVISOR = 434
 UART2_DIVISOR = 73
 UART2_BAUD = 576_000
 BITS_PER_BYTE = 10
 """Start, eight bits, stop."""
 
+ECHO_PERIOD_US = 1_000_000
+"""As in the board's own settings."""
 HOST_SPARE_BYTES = 32 << 10
 
 QUANTA = {"1us": lib.QUANTUM_1US, "rtc": lib.QUANTUM_RTC, "1ms": lib.QUANTUM_1MS}
@@ -35,10 +39,12 @@ FIRMWARE = {
 }
 HOST_WIRES = {"tcp": lib.HOST_TCP, "uart2": lib.HOST_UART2, "uart1": lib.HOST_UART1}
 WIRES = {
-    "uart1": (lib.WIRE_UART1,),
+    "uart1": (lib.WIRE_UART1, lib.WIRE_UART1_TO_STM32),
     "uart2": (lib.WIRE_UART2_TO_ESP32, lib.WIRE_UART2_TO_STM32),
     "spi": (lib.WIRE_SPI_TO_ESP32, lib.WIRE_SPI_TO_GAP8),
     "tcp": (lib.WIRE_TCP_TO_HOST, lib.WIRE_TCP_TO_ESP32),
+    "uart1_to_gap8": (lib.WIRE_UART1,),
+    "uart1_to_stm32": (lib.WIRE_UART1_TO_STM32,),
     "uart2_to_esp32": (lib.WIRE_UART2_TO_ESP32,),
     "uart2_to_stm32": (lib.WIRE_UART2_TO_STM32,),
     "spi_to_esp32": (lib.WIRE_SPI_TO_ESP32,),
@@ -47,6 +53,8 @@ WIRES = {
     "tcp_to_esp32": (lib.WIRE_TCP_TO_ESP32,),
 }
 """By name; the name of a whole link means both directions, the one towards the host first."""
+WIRE_SETTINGS = ("uart1", "uart2", "uart2", "uart1", "spi", "spi", "tcp", "tcp")
+"""Whose faults each has, by wire_t."""
 
 NEVER_US = 0xFFFFFFFF
 WIFI_NAME = b"spindeck"
@@ -161,7 +169,7 @@ def robot_config(robot: RobotSettings, seed: int = 0, index: int = 0) -> Any:
     nanocockpit = robot.firmware == "nanocockpit"
     config = {
         "clocks": [clock(robot.stm32), clock(robot.gap8), clock(robot.esp32)],
-        "wires": [faults(getattr(robot, name)) for name in ("uart1", "uart2", "uart2", "spi", "spi", "tcp", "tcp")],
+        "wires": [faults(getattr(robot, name)) for name in WIRE_SETTINGS],
         "stm32": {
             "stamp_format": stamp_format(robot),
             "pose": pose(robot.pose),
@@ -187,6 +195,7 @@ def robot_config(robot: RobotSettings, seed: int = 0, index: int = 0) -> Any:
             },
             "stamp_tick_ns": TICK_NS[robot.gap8.quantum],
             "frame_latency_us": frame_latency_us(camera),
+            "echo_period_us": ECHO_PERIOD_US,
             "stamp_bits": robot.gap8.stamp_bits,
             "firmware": FIRMWARE[robot.firmware],
             "paper": paper_set_right(robot.paper),
@@ -196,6 +205,7 @@ def robot_config(robot: RobotSettings, seed: int = 0, index: int = 0) -> Any:
         },
         "esp32": {"host_on_uart": on_uart2, "bridge": nanocockpit},
         "uart1_byte_ps": round(BITS_PER_BYTE * UART1_DIVISOR * 1e12 / APB1_HZ),
+        "uart1_gap8_byte_ps": round(BITS_PER_BYTE * UART1_GAP8_DIVISOR * 1e12 / GAP8_HZ),
         "uart2_stm32_byte_ps": round(BITS_PER_BYTE * UART2_DIVISOR * 1e12 / APB1_HZ),
         "uart2_esp32_byte_ps": round(BITS_PER_BYTE * 1e12 / UART2_BAUD),
         "spi_byte_ps": round(8e12 / robot.spi.hz),

@@ -8,7 +8,8 @@ from typing import Any
 from host.native import ffi, lib
 
 WIRES = {
-    lib.WIRE_UART1: "uart1",
+    lib.WIRE_UART1: "uart1_to_gap8",
+    lib.WIRE_UART1_TO_STM32: "uart1_to_stm32",
     lib.WIRE_UART2_TO_ESP32: "uart2_to_esp32",
     lib.WIRE_UART2_TO_STM32: "uart2_to_stm32",
     lib.WIRE_SPI_TO_ESP32: "spi_to_esp32",

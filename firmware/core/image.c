@@ -6,7 +6,8 @@ enum {
     PERIOD_MAX_US = 10000000,
     DATA_MIN = NATIVE_FRAME_BYTES,
     FRAME_CHECK_AT = NATIVE_FRAME_SHORT_BYTES - NATIVE_CHECK_BYTES,
-    CLOCK_CHECK_AT = NATIVE_FRAME_BYTES - NATIVE_CHECK_BYTES,
+    CLOCK_CHECK_AT = NATIVE_FRAME_CLOCK_BYTES - NATIVE_CHECK_BYTES,
+    ECHO_CHECK_AT = NATIVE_FRAME_BYTES - NATIVE_CHECK_BYTES,
 };
 
 /// What every picture must satisfy, stock or native: 0 or ERR_VALUE.
@@ -72,7 +73,7 @@ int image_stock_decode(bytes_t in, image_stock_t *header) {
     return IMAGE_STOCK_BYTES;
 }
 
-void native_frame_encode(const native_frame_t *frame, uint8_t out[128]) {
+void native_frame_encode(const native_frame_t *frame, uint8_t out[144]) {
     native_start(out, NATIVE_FRAME, NATIVE_FRAME_BYTES);
     store32_le(out + 4, frame->frame);
     store16_le(out + 8, frame->width);
@@ -109,6 +110,10 @@ void native_frame_encode(const native_frame_t *frame, uint8_t out[128]) {
     store32_le(out + 116, (uint32_t)frame->skew_ppb);
     store32_le(out + 120, frame->latency_us);
     native_seal(out, CLOCK_CHECK_AT);
+    store32_le(out + 128, frame->minimum_delay_us);
+    store32_le(out + 132, frame->minimum_delay_error_us);
+    store32_le(out + 136, frame->echoes);
+    native_seal(out, ECHO_CHECK_AT);
 }
 
 int native_frame_decode(bytes_t in, native_frame_t *frame) {
@@ -120,8 +125,10 @@ int native_frame_decode(bytes_t in, native_frame_t *frame) {
     if (header_bytes < NATIVE_FRAME_SHORT_BYTES || header_bytes > in.size) {
         return ERR_LENGTH;
     }
-    const bool has_clock = header_bytes >= NATIVE_FRAME_BYTES;
-    if (!native_sealed(in, FRAME_CHECK_AT) || (has_clock && !native_sealed(in, CLOCK_CHECK_AT))) {
+    const bool has_clock = header_bytes >= NATIVE_FRAME_CLOCK_BYTES;
+    const bool has_echo = header_bytes >= NATIVE_FRAME_BYTES;
+    if (!native_sealed(in, FRAME_CHECK_AT) || (has_clock && !native_sealed(in, CLOCK_CHECK_AT)) ||
+        (has_echo && !native_sealed(in, ECHO_CHECK_AT))) {
         return ERR_CHECK;
     }
     native_frame_t read = {
@@ -164,6 +171,11 @@ int native_frame_decode(bytes_t in, native_frame_t *frame) {
         read.delay_us = load32_le(in.data + 112);
         read.skew_ppb = (int32_t)load32_le(in.data + 116);
         read.latency_us = load32_le(in.data + 120);
+    }
+    if (has_echo) {
+        read.minimum_delay_us = load32_le(in.data + 128);
+        read.minimum_delay_error_us = load32_le(in.data + 132);
+        read.echoes = load32_le(in.data + 136);
     }
     *frame = read;
     return header_bytes;

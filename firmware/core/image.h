@@ -22,8 +22,9 @@ enum {
     IMAGE_SIDE_MAX = 1024,        ///< pixels; the sensor has 324
     IMAGE_BODY_MAX = 1024 * 1024, ///< bytes; anything larger is a damaged header
     NATIVE_MAGIC = 0x4E,
-    NATIVE_FRAME_BYTES = 128,
-    NATIVE_FRAME_SHORT_BYTES = 104, ///< of robots that say nothing about their clock: read, never written
+    NATIVE_FRAME_BYTES = 144,
+    NATIVE_FRAME_CLOCK_BYTES = 128, ///< of robots that say nothing about echoes: read, never written
+    NATIVE_FRAME_SHORT_BYTES = 104, ///< nor about their clock: likewise
     NATIVE_DATA_HEAD_BYTES = 8,
     NATIVE_DATA_BODY_MAX = 1012, ///< CPX_DATA_MAX - NATIVE_DATA_HEAD_BYTES
     NATIVE_PAIRS_HEAD_BYTES = 8,
@@ -99,12 +100,15 @@ typedef struct {
     uint32_t captures_late;   ///< not started: no free buffer
     uint32_t frames_unsent;   ///< captured and not sent: nobody connected, or given up
     uint32_t spi_errors;
-    uint32_t packets_dropped; ///< by the GAP8, for want of room
-    uint32_t window_us;       ///< what the estimate is from: stamps of so long
-    uint32_t window_stamps;   ///< and so many; 0: nothing is said, here and below
-    uint32_t delay_us;        ///< their mean delay above the smallest
-    int32_t skew_ppb;         ///< of the STM32's stamp clock against the GAP8's
-    uint32_t latency_us;      ///< part of bound_us: how late the end of frame was read is known so well
+    uint32_t packets_dropped;  ///< by the GAP8, for want of room
+    uint32_t window_us;        ///< what the estimate is from: stamps of so long
+    uint32_t window_stamps;    ///< and so many; 0: nothing is said, here and below
+    uint32_t delay_us;         ///< their mean delay above the smallest
+    int32_t skew_ppb;          ///< of the STM32's stamp clock against the GAP8's
+    uint32_t latency_us;       ///< part of bound_us: how late the end of frame was read is known so well
+    uint32_t minimum_delay_us; ///< of a message on UART1, beyond its time on the wire, one way
+    uint32_t minimum_delay_error_us; ///< of that, either side: it may all be on one way
+    uint32_t echoes;                 ///< that it is from; 0: nothing is said
 } native_frame_t;
 
 typedef struct {
@@ -153,7 +157,7 @@ typedef struct {
 
 /// Encoders write exactly the size in the name. They cannot fail.
 void image_stock_encode(const image_stock_t *header, uint8_t out[11]);
-void native_frame_encode(const native_frame_t *frame, uint8_t out[128]);
+void native_frame_encode(const native_frame_t *frame, uint8_t out[144]);
 void native_data_encode_head(uint32_t frame, uint32_t offset, uint8_t out[8]);
 void native_status_encode(const native_status_t *status, uint8_t out[64]);
 void native_stream_encode(const native_stream_t *stream, uint8_t out[6]);
@@ -168,7 +172,8 @@ size_t native_pairs_encode(const native_pair_t *pairs, size_t count, uint32_t lo
 /// untouched on error. Longer input than needed is allowed for messages (they may grow), not for the stock
 /// header, which is ERR_LENGTH unless exactly 11 bytes. Stock: ERR_VALUE unless 1 <= sides <= IMAGE_SIDE_MAX,
 /// depth 1..4, type 0 or 1, 1 <= size <= IMAGE_BODY_MAX, and for raw size = width * height * depth. Native
-/// frame: likewise; one of less than NATIVE_FRAME_BYTES says nothing about the clock. Native frame, pairs and
+/// frame: likewise; one of less than NATIVE_FRAME_BYTES says nothing about echoes, of less than
+/// NATIVE_FRAME_CLOCK_BYTES nor about the clock. Native frame, pairs and
 /// status: ERR_CHECK when a CRC-32 of theirs does not match.
 int image_stock_decode(bytes_t in, image_stock_t *header);
 int native_frame_decode(bytes_t in, native_frame_t *frame);

@@ -162,7 +162,8 @@ bool esp32_images_take(esp32_t *self, const cpx_packet_t *packet) {
         return true;
     }
     native_frame_t native;
-    const bool framed = in.size == NATIVE_FRAME_BYTES || in.size == NATIVE_FRAME_SHORT_BYTES;
+    const bool framed = in.size == NATIVE_FRAME_BYTES || in.size == NATIVE_FRAME_CLOCK_BYTES ||
+                        in.size == NATIVE_FRAME_SHORT_BYTES;
     if ((framed || !in_stock) && native_frame_decode(in, &native) > 0) {
         if (self->frame_data_max == 0) {
             hold_back(self);

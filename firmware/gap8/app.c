@@ -156,7 +156,7 @@ static void receive_spi(gap8_t *self, bytes_t in, instant_t now) {
 int gap8_receive(gap8_t *self, gap8_port_t port, bytes_t in, instant_t now) {
     switch (port) {
     case GAP8_PORT_UART1:
-        gap8_times_receive(self, in, now.stamp_us);
+        gap8_times_receive(self, in, now);
         break;
     case GAP8_PORT_SPI:
         receive_spi(self, in, now);
@@ -188,6 +188,9 @@ static size_t transmit_spi(gap8_t *self, bytes_mut_t out) {
 }
 
 size_t gap8_transmit(gap8_t *self, gap8_port_t port, bytes_mut_t out, instant_t now) {
+    if (port == GAP8_PORT_UART1) {
+        return gap8_echo_transmit(self, out, now.stamp_us);
+    }
     gap8_captures_expire(self, now.up_us);
     switch (port) {
     case GAP8_PORT_SPI:

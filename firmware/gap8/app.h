@@ -1,10 +1,11 @@
 /// The GAP8's part: camera frames and the STM32's time in, a stamped image stream out.
 ///
-/// The four verbs are called as in stm32/app.h, but that bytes from UART1 need no gap8_transmit before
-/// gap8_deadline has come: they change only what is said of frames. The camera is a port: gap8_transmit on it
-/// gives a command to capture into one of GAP8_SLOTS buffers, gap8_receive on it brings the finished body.
-/// Bodies are never copied: the bytes given to gap8_receive stay valid until the next command for the same
-/// slot. A command while a capture is under way (it took too long: GAP8_CAMERA_TIMEOUT_US) replaces it.
+/// The four verbs are called as in stm32/app.h, but that bytes from UART1 need no gap8_transmit but that of
+/// UART1 before gap8_deadline has come: they change only what is said of frames. The camera is a port:
+/// gap8_transmit on it gives a command to capture into one of GAP8_SLOTS buffers, gap8_receive on it brings
+/// the finished body. Bodies are never copied: the bytes given to gap8_receive stay valid until the next
+/// command for the same slot. A command while a capture is under way (it took too long:
+/// GAP8_CAMERA_TIMEOUT_US) replaces it.
 ///
 /// The images of a burst are taken back to back, so a burst starts when there are slots for all of it; one
 /// that is due and cannot start is counted in captures_late: with a frame period it is left out, without one
@@ -14,11 +15,12 @@
 
 #include "../core/clock.h"
 #include "../core/cpx_link.h"
+#include "../core/echo.h"
 #include "../core/image.h"
 #include "../core/uart1.h"
 
 typedef enum {
-    GAP8_PORT_UART1 = 0, ///< from the STM32, in only: stamp messages
+    GAP8_PORT_UART1 = 0, ///< stamp messages from the STM32, and echoes
     GAP8_PORT_SPI = 1,   ///< to and from the ESP32, this side is master
     GAP8_PORT_CAMERA = 2,
     GAP8_PORT_COUNT = 3,
@@ -29,6 +31,7 @@ enum {
     GAP8_PAIRS_MAX = 512,   ///< kept between two frames; more are counted as lost
     GAP8_QUEUE_PACKETS = 4, ///< small replies waiting for SPI
     GAP8_QUEUE_DATA = 64,   ///< longest small reply
+    GAP8_ECHO_HALF = 32,    ///< the smallest delay is of the newest so many echoes, or up to twice as many
     GAP8_CAMERA_TIMEOUT_US =
         500000, ///< a capture that takes this longer than twice its exposure and readout has failed
     GAP8_CAMERA_COMMAND_BYTES =
@@ -62,8 +65,9 @@ typedef struct {
         stamp_bits;   ///< width of the stamp clock, 32 or more, for elapsed times across its wrap; 0 means 64
     uint8_t firmware; ///< gap8_firmware_t
     uint8_t paper;    ///< GAP8_PAPER only: sum of GAP8_PAPER_ flags
-    bool nanocockpit_check; ///< GAP8_NANOCOCKPIT only: buffers go with a CRC-32; as released they do not
-    bool stream_always;     ///< stream without waiting for WIFI_CLIENT_CONNECTED
+    bool nanocockpit_check;  ///< GAP8_NANOCOCKPIT only: buffers go with a CRC-32; as released they do not
+    bool stream_always;      ///< stream without waiting for WIFI_CLIENT_CONNECTED
+    uint32_t echo_period_us; ///< GAP8_NATIVE only: ask for an echo at the first stamp after so long; 0: never
 } gap8_config_t;
 
 typedef enum { SLOT_FREE = 0, SLOT_CAPTURING, SLOT_READY, SLOT_SENDING } gap8_slot_state_t;
@@ -75,6 +79,18 @@ typedef struct {
     paper_header_t paper;            ///< GAP8_PAPER: likewise
     nanocockpit_metadata_t metadata; ///< GAP8_NANOCOCKPIT: likewise; the state at the start of sending
 } gap8_slot_t;
+
+typedef struct {
+    uint64_t next_us; ///< uptime
+    uint8_t number;   ///< of the last question
+    uint8_t left;     ///< bytes of it to send
+    uint8_t question[5];
+    bool waits;        ///< for its answer
+    uint64_t asked_us; ///< stamp clock when its first byte began to leave
+    uint32_t
+        sum_us[2];    ///< smallest delay there and back: of the half window under way, and of the one before
+    uint8_t count[2]; ///< echoes in each
+} gap8_echo_t;
 
 typedef struct {
     uint8_t size;
@@ -95,6 +111,7 @@ typedef struct {
     nanocockpit_state_t state_last;
     uint64_t stamp_last_gap8_us; ///< stamp clock when it came in
     clock_track_t clock;
+    gap8_echo_t echo;
     native_pair_t pairs[512]; ///< ring
     uint16_t pairs_head;
     uint16_t pairs_fill;
@@ -140,7 +157,8 @@ int gap8_init(gap8_t *self, const gap8_config_t *config, instant_t now);
 /// (all).
 int gap8_receive(gap8_t *self, gap8_port_t port, bytes_t in, instant_t now);
 
-/// SPI: header, route and data for one window (`out` takes CPX_LINK_FRAME_MAX, with GAP8_NANOCOCKPIT
+/// UART1: what is to leave now, one byte or more; its first byte leaves at `now`. SPI: header, route and data
+/// for one window (`out` takes CPX_LINK_FRAME_MAX, with GAP8_NANOCOCKPIT
 /// NANOCOCKPIT_FRAME_MAX), or 0 when there is nothing to
 /// send; a window that the slave asked for while this returns 0 is clocked with four zero bytes. CAMERA: one
 /// command of GAP8_CAMERA_COMMAND_BYTES, or 0.

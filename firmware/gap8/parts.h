@@ -1,5 +1,6 @@
 /// The parts of the GAP8's app, private to it: times.c listens to UART1 and says when frames were taken,
-/// captures.c fills slots, frames.c empties them, buffers.c does so for NanoCockpit.
+/// echo.c asks for echoes there, captures.c fills slots, frames.c empties them, buffers.c does so for
+/// NanoCockpit.
 #ifndef SPINDECK_GAP8_PARTS_H
 #define SPINDECK_GAP8_PARTS_H
 
@@ -19,8 +20,20 @@ static inline bool gap8_takes_turns(const gap8_t *self) {
 /// Knows no time yet.
 void gap8_times_init(gap8_t *self);
 
-/// What came in on UART1; `stamp_us` is the time of its last stop bit.
-void gap8_times_receive(gap8_t *self, bytes_t in, uint64_t stamp_us);
+/// What came in on UART1; `now` is the time of its last stop bit.
+void gap8_times_receive(gap8_t *self, bytes_t in, instant_t now);
+
+/// A stamp message has just come, so that UART1 is free both ways: asks for an echo if one is due.
+void gap8_echo_ask(gap8_t *self, uint64_t up_us);
+
+/// What is left of the question.
+size_t gap8_echo_transmit(gap8_t *self, bytes_mut_t out, uint64_t stamp_us);
+
+/// An answer that has passed its check; `stamp_us` is the time of its last stop bit.
+void gap8_echo_take(gap8_t *self, const echo_answer_t *answer, uint64_t stamp_us);
+
+/// The smallest delay into the header of a frame.
+void gap8_echo_set(const gap8_t *self, native_frame_t *header);
 
 /// The times of a frame that has ended now, into the slot's header of its firmware.
 void gap8_times_set(gap8_t *self, uint64_t stamp_us, gap8_slot_t *slot);

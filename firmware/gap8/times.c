@@ -15,7 +15,7 @@ static uint8_t listens_for(uint8_t firmware) {
     case GAP8_NANOCOCKPIT:
         return UART1_NANOCOCKPIT;
     default:
-        return UART1_STAMP;
+        return UART1_STAMP | UART1_ECHO;
     }
 }
 
@@ -50,11 +50,15 @@ static void take_stamp(gap8_t *self, const stamp_t *stamp, uint64_t stamp_us) {
     add_pair(self, stamp, stamp_us);
 }
 
-static void take(gap8_t *self, const uart1_message_t *message, uint64_t stamp_us) {
+static void take(gap8_t *self, const uart1_message_t *message, instant_t now) {
     switch (message->kind) {
     case UART1_STAMP:
-        take_stamp(self, &message->stamp, stamp_us);
+        take_stamp(self, &message->stamp, now.stamp_us);
+        gap8_echo_ask(self, now.up_us);
         break;
+    case UART1_ECHO:
+        gap8_echo_take(self, &message->echo, now.stamp_us);
+        return;
     case UART1_PAPER:
         self->paper_last = message->paper;
         break;
@@ -66,15 +70,15 @@ static void take(gap8_t *self, const uart1_message_t *message, uint64_t stamp_us
         break;
     }
     self->stamp_valid = true;
-    self->stamp_last_gap8_us = stamp_us;
+    self->stamp_last_gap8_us = now.stamp_us;
 }
 
-void gap8_times_receive(gap8_t *self, bytes_t in, uint64_t stamp_us) {
+void gap8_times_receive(gap8_t *self, bytes_t in, instant_t now) {
     for (size_t i = 0; i < in.size; i++) {
         uart1_message_t message;
         uart1_rx_put(&self->stamp_rx, in.data[i]);
         while (uart1_rx_take(&self->stamp_rx, &message)) {
-            take(self, &message, stamp_us);
+            take(self, &message, now);
         }
     }
 }
@@ -110,6 +114,7 @@ static void set_native(gap8_t *self, uint64_t frame_gap8_us, native_frame_t *hea
     header->delay_us = time.mean_us;
     header->skew_ppb = time.skew_ppb;
     header->latency_us = time.latency_us;
+    gap8_echo_set(self, header);
 }
 
 /// From the middle of exposure of the middle row to the end of frame.

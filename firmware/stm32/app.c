@@ -173,6 +173,9 @@ int stm32_receive(stm32_t *self, stm32_port_t port, bytes_t in, instant_t now) {
     if (port == STM32_PORT_RADIO) {
         self->crtp_ignored += in.size > 0 && stm32_crtp(self, in, now) ? 0 : 1;
     }
+    for (size_t i = 0; port == STM32_PORT_UART1 && i < in.size; i++) {
+        stm32_echo_hear(self, in.data[i], now.stamp_us);
+    }
     for (size_t i = 0; port == STM32_PORT_UART2 && i < in.size; i++) {
         cpx_packet_t packet;
         if (cpx_uart_receive(&self->uart2, in.data[i], now.up_us, &packet)) {
@@ -192,19 +195,33 @@ static void begin_stamp(stm32_t *self, instant_t now) {
     }
     self->stamp_last_us = now.stamp_us;
     self->stamp_size = stm32_message(self, now);
+    self->stamp_echoes = false;
     self->stamp_sequence++;
     self->stamp_sent = 0;
 }
 
+/// Between two stamps. False: nobody has asked.
+static bool begin_answer(stm32_t *self, instant_t now) {
+    const uint8_t size = stm32_echo_answer(self, now.stamp_us);
+    if (size == 0) {
+        return false;
+    }
+    self->stamp_size = size;
+    self->stamp_echoes = true;
+    self->stamp_sent = 0;
+    return true;
+}
+
 static size_t transmit_stamp(stm32_t *self, uint8_t *out, instant_t now) {
     if (self->stamp_sent == self->stamp_size) {
-        if (now.up_us < self->stamp_next_us) {
+        if (now.up_us >= self->stamp_next_us) {
+            begin_stamp(self, now);
+        } else if (!begin_answer(self, now)) {
             return 0;
         }
-        begin_stamp(self, now);
     }
     *out = self->stamp[self->stamp_sent++];
-    self->stamps_sent += self->stamp_sent == self->stamp_size;
+    self->stamps_sent += self->stamp_sent == self->stamp_size && !self->stamp_echoes;
     return 1;
 }
 

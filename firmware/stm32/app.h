@@ -11,6 +11,7 @@
 
 #include "../core/beacon.h"
 #include "../core/cpx_uart.h"
+#include "../core/echo.h"
 #include "../core/image.h"
 #include "../core/uart1.h"
 #include "crtp_log.h"
@@ -18,7 +19,7 @@
 #include "values.h"
 
 typedef enum {
-    STM32_PORT_UART1 = 0,   ///< to the GAP8, out only
+    STM32_PORT_UART1 = 0,   ///< to the GAP8; from it come questions for an echo
     STM32_PORT_UART2 = 1,   ///< to and from the ESP32
     STM32_PORT_STORAGE = 2, ///< to and from the card (storage.h)
     STM32_PORT_RADIO = 3,   ///< in only: one CRTP packet that was broadcast
@@ -60,12 +61,22 @@ typedef struct {
     uint8_t data[98];
 } stm32_packet_t;
 
+/// Of the GAP8's question, if its answer has not begun to leave.
+typedef struct {
+    uint8_t heard[5]; ///< the last bytes from the GAP8
+    bool waits;
+    uint8_t number;
+    uint64_t received_us; ///< stamp clock
+} stm32_echo_t;
+
 typedef struct {
     stm32_config_t config;
     cpx_uart_t uart2;
-    uint8_t stamp[40];      ///< the message under way
-    uint8_t stamp_size;     ///< of it
-    uint8_t stamp_sent;     ///< stamp_size: none under way
+    uint8_t stamp[40];  ///< the message under way
+    uint8_t stamp_size; ///< of it
+    uint8_t stamp_sent; ///< stamp_size: none under way
+    bool stamp_echoes;  ///< the one under way is an answer
+    stm32_echo_t echo;
     uint64_t stamp_next_us; ///< uptime
     uint64_t stamp_last_us; ///< stamp clock of the last message: going backwards starts a new epoch
     uint32_t stamp_sequence;

@@ -24,7 +24,7 @@ Form = Literal["explained", "hex", "raw", "json"]
 FORMS: tuple[Form, ...] = ("explained", "hex", "raw")
 
 WIRES: dict[str, dict[str, tuple[str, Framing]]] = {
-    "stm32": {"uart1": ("uart1", "stamps"), "uart2": ("uart2_to_esp32", "cpx-uart")},
+    "stm32": {"uart1": ("uart1_to_gap8", "stamps"), "uart2": ("uart2_to_esp32", "cpx-uart")},
     "gap8": {"spi": ("spi_to_esp32", "spi")},
 }
 """What an MCU sends on, its default first: the wire's name in the simulator, and the framing of host dissect."""
@@ -35,7 +35,7 @@ FIELDS_SHOWN = 200
 HEX_SHOWN = 64
 
 EXAMPLES = """\
-The STM32 sends time messages on UART1 and CPX on UART2. The GAP8's UART only receives: what it sends goes over SPI.
+The STM32 sends time messages on UART1 and CPX on UART2. The GAP8 sends over SPI; on its UART it only asks for echoes.
 The other MCUs of the robot run natively. Time is the image's own, from its power-up.
 
 examples:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
-    from ..link.records import Event, Frame
+    from ..link.records import Event, Frame, NativeEcho
     from .row import Row
     from .stream_robot import Robot
 
@@ -176,8 +176,15 @@ def clock_line(frame: Frame | None) -> str:
     offset_s = (native.frame_gap8_us - native.frame_stm32_us) * 1e-6
     return (
         f"GAP8 against STM32{slow}: drift {drift:+.2f} ppm  offset {offset_s:+.6f} s  "
-        f"by {native.clock.window_stamps} stamps, {native.clock.delay_us} us late"
+        f"by {native.clock.window_stamps} stamps, {native.clock.delay_us} us late{echo_text(native.echo)}"
     )
+
+
+def echo_text(echo: NativeEcho | None) -> str:
+    """What echoes say of the delay that all stamps have; empty if none has come back."""
+    if echo is None:
+        return ""
+    return f", the fastest by {echo.minimum_delay_us} ± {echo.minimum_delay_error_us} us"
 
 
 def warnings(frame: Frame) -> str:
@@ -213,6 +220,11 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
             f"times       {times['given']} of {times['of']} frames"
             + (f", good to ± {times['bound_us_median']:.0f} us (median)" if times["given"] else "")
             + (f"; {named}" if named else "")
+        )
+    if echo := summary["echo"]:
+        lines.append(
+            f"UART1       delays a stamp by {echo['minimum_delay_us']} ± {echo['minimum_delay_error_us']} us at least, "
+            f"by {echo['echoes']} echoes; no time or bound has that in it"
         )
     if of := card_log(summary["log"]):
         lines.append(f"card's log  {of}")

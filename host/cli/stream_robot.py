@@ -92,6 +92,12 @@ class Robot:
         }
 
     @property
+    def echo(self) -> dict[str, int] | None:
+        """What the last native frame says of the smallest delay on UART1; None if it says nothing."""
+        native = None if self.last_frame is None else self.last_frame.native
+        return None if native is None or native.echo is None else asdict(native.echo)
+
+    @property
     def seconds(self) -> float:
         """Between the first event and the last, on the clock of the port."""
         return 0.0 if self.first_ns is None else (self.last_ns - self.first_ns) * 1e-9
@@ -130,6 +136,7 @@ class Robot:
             "stamps": counters.stamps + counters.pairs,
             "reconnects": self.stream.reconnects,
             "times": self.times,
+            "echo": self.echo,
             "stamp_error_us": self.stamp_error_us(),
             "log": None if self.log is None else asdict(self.log),
             "recorded": None if self.track is None else self.track.summary(),

@@ -21,6 +21,7 @@ from .records import (
     NanocockpitStamp,
     NanocockpitState,
     NativeClock,
+    NativeEcho,
     NativeHeader,
     Packet,
     PaperHeader,
@@ -72,6 +73,7 @@ FLAGS = {
         *["FRAME_EPOCH_NEW", "FRAME_BEFORE_EPOCH", "FRAME_QUANTISED", "FRAME_REFUSED"],
     )
 }
+ECHO_FIELDS = ("minimum_delay_us", "minimum_delay_error_us", "echoes")
 CLOCK_FIELDS = ("window_us", "window_stamps", "delay_us", "skew_ppb", "latency_us")
 NO_STAMP_YET = 0xFFFFFFFF
 NO_ZERO = 0xFFFFFFFF
@@ -126,6 +128,7 @@ def native_header(header: Any) -> NativeHeader:
         stamp_sequence=header.stamp_sequence,
         stamp_age_us=None if header.stamp_age_us == NO_STAMP_YET else header.stamp_age_us,
         clock=NativeClock(*(getattr(header, name) for name in CLOCK_FIELDS)) if header.window_stamps else None,
+        echo=NativeEcho(*(getattr(header, name) for name in ECHO_FIELDS)) if header.echoes else None,
         counters={name: getattr(header, name) for name in FRAME_COUNTERS},
     )
 

@@ -44,6 +44,19 @@ class NativeClock:
 
 
 @dataclass(frozen=True, slots=True)
+class NativeEcho:
+    """What echoes on UART1 say of the delay that all stamp messages have, beyond their time on the wire. It is in no
+    frame's time or bound: how much of a round trip is on the way of the stamps cannot be known."""
+
+    minimum_delay_us: int
+    """Half of the fastest of the last echoes."""
+    minimum_delay_error_us: int
+    """Of that, either side: the other half, and what the clocks' steps and rates add."""
+    echoes: int
+    """That it is from."""
+
+
+@dataclass(frozen=True, slots=True)
 class NativeHeader:
     """The native frame header, field for field (firmware/core/image.h, native_frame_t)."""
 
@@ -69,6 +82,8 @@ class NativeHeader:
     stamp_age_us: int | None
     clock: NativeClock | None
     """None when the robot says nothing about it: no estimate, or earlier firmware."""
+    echo: NativeEcho | None
+    """None when no echo has come back, or of earlier firmware."""
     counters: dict[str, int]
     """The GAP8's counters since its boot, by their names in native_frame_t."""
 

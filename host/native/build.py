@@ -23,6 +23,7 @@ HEADERS = [
     "firmware/core/cpx_uart.h",
     "firmware/core/cpx_link.h",
     "firmware/core/stamp.h",
+    "firmware/core/echo.h",
     "firmware/core/clock.h",
     "firmware/core/image.h",
     "firmware/core/native_log.h",

@@ -210,7 +210,8 @@ static bool is_stock_body(const stream_t *self, bytes_t data) {
     }
     const bool is_other = data.size == IMAGE_STOCK_BYTES    ? image_stock_decode(data, &stock) > 0
                           : data.size == PAPER_HEADER_BYTES ? paper_header_decode(data, &paper) > 0
-                          : data.size == NATIVE_FRAME_BYTES || data.size == NATIVE_FRAME_SHORT_BYTES
+                          : data.size == NATIVE_FRAME_BYTES || data.size == NATIVE_FRAME_CLOCK_BYTES ||
+                                  data.size == NATIVE_FRAME_SHORT_BYTES
                               ? native_frame_decode(data, &native) > 0
                           : data.size == NATIVE_REPLY_BYTES ? native_reply_decode(data, &reply) > 0
                                                             : false;

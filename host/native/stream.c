@@ -346,7 +346,8 @@ static bool hear(stream_t *self) {
     const bool found = uart1_rx_take(&self->stamps, &message);
     const uint64_t start = self->base + self->at - self->stamps.fill - (found ? message.size : 0);
     report_line_garbage(self, self->stamps.garbage_bytes, start, found);
-    if (found && (message.kind != UART1_NANOCOCKPIT || message.size == NANOCOCKPIT_STATE_BYTES)) {
+    const bool state = message.kind != UART1_NANOCOCKPIT || message.size == NANOCOCKPIT_STATE_BYTES;
+    if (found && state && message.kind != UART1_ECHO) {
         stream_event(self, STREAM_STAMP)->message = message;
     }
     return found;

@@ -21,7 +21,7 @@ RANGES = {
         "last_packet": "False or True",
         "reserved": "False or True",
     },
-    "native_stream_t": {"dialect": "0 or 1", "data_max": "0 or 128..1020"},
+    "native_stream_t": {"dialect": "0 or 1", "data_max": "0 or 144..1020"},
     "native_camera_t": {
         "auto_exposure": "False or True",
         "analog_gain": "1, 2, 4 or 8",

@@ -32,6 +32,8 @@ HEADERS: dict[str, Any] = {
 }
 STAMPS = {
     "stamp": "stamp message",
+    "echo question": "question for an echo",
+    "echo answer": "answer to it",
     "paper stamp": "time message of the paper's firmware",
     "nanocockpit state": "NanoCockpit's state",
     "nanocockpit noise": "NanoCockpit's random number",

@@ -40,7 +40,7 @@ class StreamRequest:
 
     native: bool
     data_max: int = 0
-    """Longest CPX data wanted, 128..1020 bytes; 0: 1020."""
+    """Longest CPX data wanted, 144..1020 bytes; 0: 1020."""
 
 
 @dataclass(frozen=True, slots=True)

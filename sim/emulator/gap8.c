@@ -111,10 +111,15 @@ static void port_receive(emulator_t *e, int port, bytes_t in) {
 static void port_asked(emulator_t *e, int port) {
     if (port == GAP8_SPI) {
         gap8_spi_asked(e);
+    } else if (port == GAP8_UART1) {
+        gap8_uart_sent(e);
     }
 }
 
 static size_t port_take(emulator_t *e, int port, bytes_mut_t out) {
+    if (port == GAP8_UART1) { // the first to be asked: what else there is to send, the others take
+        return gap8_uart_take(e, out);
+    }
     gap8_of(e)->news = false;
     switch (port) {
     case GAP8_SPI:
@@ -131,9 +136,7 @@ static int64_t alarm_ns(emulator_t *e) {
 }
 
 static int64_t byte_ps(emulator_t *e, int port) {
-    (void)e;
-    (void)port;
-    return 0;
+    return port == GAP8_UART1 ? gap8_uart_byte_ps(e) : 0;
 }
 
 static void reset_stamp(emulator_t *e) {

@@ -32,6 +32,7 @@ enum { GAP8_LINE_SOFTWARE = 0, GAP8_LINE_TIMER = 10, GAP8_LINE_CAMERA = 20, GAP8
 enum {
     GAP8_EVENT_SPIM1_RX = 4,
     GAP8_EVENT_UART_RX = 8,
+    GAP8_EVENT_UART_TX = 9,
     GAP8_EVENT_SPIM1_EOT = 23,
     GAP8_EVENT_GPIO = 42,
     GAP8_EVENTS_MAX = 8, ///< waiting in the event unit
@@ -57,12 +58,13 @@ typedef struct {
     uint32_t soc_masks[2]; ///< high, low
     uint8_t soc_events[GAP8_EVENTS_MAX];
     uint32_t soc_count;
-    gap8_channel_t uart_rx, spi_rx, spi_tx;
+    gap8_channel_t uart_rx, uart_tx, spi_rx, spi_tx;
     uint32_t uart_setup;
     uint32_t udma_clocks;
     uint32_t pads[4];
     uint32_t gpio[8];
     uint32_t camera[7];
+    bool uart_given;     ///< the kernel has the first byte of uart_tx
     bool spi_given;      ///< the kernel has what spi_tx sends
     bool camera_started; ///< it has not got the command yet
     bool news;           ///< something has come since the kernel last asked a port: it asks because of that
@@ -99,6 +101,10 @@ uint32_t gap8_soc_event_pop(emulator_t *e);
 
 // gap8_ports.c
 void gap8_uart_receive(emulator_t *e, bytes_t in);
+/// What had been given to the kernel has left.
+void gap8_uart_sent(emulator_t *e);
+size_t gap8_uart_take(emulator_t *e, bytes_mut_t out);
+int64_t gap8_uart_byte_ps(emulator_t *e);
 void gap8_spi_receive(emulator_t *e, bytes_t in);
 /// The kernel wants to know what the GAP8 sends: what it had has been sent, or the ESP32's line goes up and
 /// down.

@@ -3,7 +3,13 @@
 enum { ADDRESS = 0x0, SIZE = 0x4, CFG = 0x8 };                        ///< of a channel
 enum { RX = 0x00, TX = 0x10, UART_STATUS = 0x20, UART_SETUP = 0x24 }; ///< of a peripheral of the uDMA
 enum { CHANNEL_CONTINUOUS = 1 << 0, CHANNEL_ENABLE = 1 << 4 };
-enum { UART_SETUP_RX = 1 << 9, UART_SETUP_DIVIDER = 16, UART_BITS = 10, UART_MISMATCH_PERCENT = 4 };
+enum {
+    UART_SETUP_TX = 1 << 8,
+    UART_SETUP_RX = 1 << 9,
+    UART_SETUP_DIVIDER = 16,
+    UART_BITS = 10,
+    UART_MISMATCH_PERCENT = 4
+};
 
 enum { GPIO_IN = 0x04 / 4, GPIO_EVENT_ENABLE = 0x0C / 4, GPIO_TYPE_1 = 0x14 / 4, GPIO_STATUS = 0x18 / 4 };
 enum { GPIO_PIN_ESP32 = 18, GPIO_RISE = 1 };
@@ -82,11 +88,15 @@ static void channel_receive(emulator_t *e, gap8_channel_t *channel, bytes_t in, 
     }
 }
 
+int64_t gap8_uart_byte_ps(emulator_t *e) {
+    return UART_BITS * (1000000 / GAP8_FC_MHZ) *
+           (int64_t)((gap8_of(e)->uart_setup >> UART_SETUP_DIVIDER) + 1);
+}
+
 /// Nothing on the chip would tell its firmware.
 static void check_baud(emulator_t *e) {
     const int64_t wire_ps = e->wire_byte_ps[GAP8_UART1];
-    const int64_t own_ps =
-        UART_BITS * (1000000 / GAP8_FC_MHZ) * ((gap8_of(e)->uart_setup >> UART_SETUP_DIVIDER) + 1);
+    const int64_t own_ps = gap8_uart_byte_ps(e);
     const int64_t difference_ps = own_ps > wire_ps ? own_ps - wire_ps : wire_ps - own_ps;
     if (wire_ps != 0 && difference_ps * 100 > wire_ps * UART_MISMATCH_PERCENT) {
         emulator_fail(e, "UART1 is set up for bytes of %lld ns, and they take %lld",
@@ -107,6 +117,37 @@ void gap8_uart_receive(emulator_t *e, bytes_t in) {
     }
 }
 
+// The event comes when the last byte has left; a real one comes when the DMA has moved it, and nothing
+// depends on that.
+void gap8_uart_sent(emulator_t *e) {
+    gap8_machine_t *m = gap8_of(e);
+    if (!m->uart_given) {
+        return;
+    }
+    m->uart_given = false;
+    m->uart_tx.address++;
+    m->uart_tx.size--;
+    if (m->uart_tx.size == 0) {
+        m->uart_tx.cfg = 0;
+        m->news = true;
+        gap8_soc_event(e, GAP8_EVENT_UART_TX);
+    }
+}
+
+size_t gap8_uart_take(emulator_t *e, bytes_mut_t out) {
+    gap8_machine_t *m = gap8_of(e);
+    if (m->uart_tx.cfg == 0 || m->uart_given || out.size == 0) {
+        return 0;
+    }
+    if ((m->uart_setup & UART_SETUP_TX) == 0) {
+        emulator_fail(e, "it sends on UART1, whose transmitter is off");
+        return 0;
+    }
+    m->uart_given = true;
+    out.data[0] = *emulator_at(e, m->uart_tx.address, 1);
+    return 1;
+}
+
 bool gap8_uart_read(emulator_t *e, uint32_t offset, uint32_t *value) {
     const gap8_machine_t *m = gap8_of(e);
     switch (offset) {
@@ -117,7 +158,8 @@ bool gap8_uart_read(emulator_t *e, uint32_t offset, uint32_t *value) {
         *value = m->uart_setup;
         return true;
     default:
-        return channel_read(&m->uart_rx, offset, value);
+        return offset >= TX ? channel_read(&m->uart_tx, offset - TX, value)
+                            : channel_read(&m->uart_rx, offset, value);
     }
 }
 
@@ -127,7 +169,8 @@ bool gap8_uart_write(emulator_t *e, uint32_t offset, uint32_t value) {
         m->uart_setup = value;
         return true;
     }
-    return channel_write(e, &m->uart_rx, offset, value);
+    return offset >= TX ? channel_write(e, &m->uart_tx, offset - TX, value)
+                        : channel_write(e, &m->uart_rx, offset, value);
 }
 
 void gap8_spi_receive(emulator_t *e, bytes_t in) {

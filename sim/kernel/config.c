@@ -43,6 +43,7 @@ bool config_ok(const robot_config_t *config) {
         ok = ok && wire_faults_ok(&config->wires[wire]);
     }
     return ok && in_range(config->uart1_byte_ps, 1, BYTE_PS_MAX) &&
+           in_range(config->uart1_gap8_byte_ps, 1, BYTE_PS_MAX) &&
            in_range(config->uart2_stm32_byte_ps, 1, BYTE_PS_MAX) &&
            in_range(config->uart2_esp32_byte_ps, 1, BYTE_PS_MAX) &&
            in_range(config->spi_byte_ps, 1, SPI_BYTE_PS_MAX) &&

@@ -69,6 +69,7 @@ static const node_verbs_t emulated_verbs = {emulated_init,     emulated_receive,
 // What the other end of each UART sends at.
 static void set_wires(emulator_t *emulator, mcu_t mcu, const robot_config_t *config) {
     if (mcu == MCU_STM32) {
+        emulator_set_wire(emulator, STM32_PORT_UART1, config->uart1_gap8_byte_ps);
         emulator_set_wire(emulator, STM32_PORT_UART2, config->uart2_esp32_byte_ps);
     } else {
         emulator_set_wire(emulator, GAP8_PORT_UART1, config->uart1_byte_ps);

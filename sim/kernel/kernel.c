@@ -6,7 +6,10 @@
 #include <string.h>
 
 /// Streams of random numbers: by wire_t, then by mcu_t, then the camera's.
-enum { STREAM_CLOCK = 16, STREAM_CAMERA = 32 };
+enum { STREAM_UART1_TO_STM32 = 8, STREAM_CLOCK = 16, STREAM_CAMERA = 32 };
+
+/// Numbers that stay when wires are added.
+static const uint32_t WIRE_STREAMS[WIRE_COUNT] = {0, 1, 2, STREAM_UART1_TO_STM32, 3, 4, 5, 6};
 
 kernel_t *kernel_new(uint64_t seed) {
     kernel_t *k = calloc(1, sizeof *k);
@@ -119,7 +122,7 @@ int kernel_add_robot(kernel_t *k, const robot_config_t *config) {
     }
     k->robots[k->robot_count++] = r;
     for (uint32_t wire = 0; wire < WIRE_COUNT; wire++) {
-        random_init(&r->carriers[wire].random, k->seed, r->index, wire);
+        random_init(&r->carriers[wire].random, k->seed, r->index, WIRE_STREAMS[wire]);
         carrier_set_faults(&r->carriers[wire], &config->wires[wire], k->now_ns);
         trace_wire_start(&r->traces[wire]);
     }

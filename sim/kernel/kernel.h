@@ -21,11 +21,12 @@ typedef enum {
     WIRE_UART1 = 0, ///< STM32 -> GAP8
     WIRE_UART2_TO_ESP32 = 1,
     WIRE_UART2_TO_STM32 = 2,
-    WIRE_SPI_TO_ESP32 = 3,
-    WIRE_SPI_TO_GAP8 = 4,
-    WIRE_TCP_TO_HOST = 5,
-    WIRE_TCP_TO_ESP32 = 6,
-    WIRE_COUNT = 7,
+    WIRE_UART1_TO_STM32 = 3,
+    WIRE_SPI_TO_ESP32 = 4,
+    WIRE_SPI_TO_GAP8 = 5,
+    WIRE_TCP_TO_HOST = 6,
+    WIRE_TCP_TO_ESP32 = 7,
+    WIRE_COUNT = 8,
 } wire_t;
 
 typedef enum { QUANTUM_1US = 0, QUANTUM_RTC = 1, QUANTUM_1MS = 2 } quantum_t; ///< RTC: 1/32768 s, 30.5 us
@@ -68,11 +69,12 @@ typedef enum {
 
 typedef struct {
     clock_config_t clocks[3]; ///< by mcu_t
-    wire_faults_t wires[7];   ///< by wire_t
+    wire_faults_t wires[8];   ///< by wire_t
     stm32_config_t stm32;
     gap8_config_t gap8;
     esp32_config_t esp32;
     int64_t uart1_byte_ps;       ///< STM32 time of ten bits with the real divisor
+    int64_t uart1_gap8_byte_ps;  ///< GAP8 time
     int64_t uart2_stm32_byte_ps; ///< STM32 time
     int64_t uart2_esp32_byte_ps; ///< ESP32 time
     int64_t spi_byte_ps;         ///< GAP8 time of eight bits

@@ -54,6 +54,7 @@ void node_poll(robot_t *r, mcu_t mcu) {
         storage_poll(r);
         break;
     case MCU_GAP8:
+        uart_poll(r, LINE_UART1_GAP8);
         spi_poll(r, MCU_GAP8);
         camera_poll(r);
         break;

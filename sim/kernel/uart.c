@@ -15,6 +15,10 @@ void uart_init(robot_t *r) {
     bool host = config->host_wire == HOST_UART2;
     r->lines[LINE_UART1] = (line_t){
         .sender = MCU_STM32, .port = STM32_PORT_UART1, .wire = WIRE_UART1, .byte_ps = config->uart1_byte_ps};
+    r->lines[LINE_UART1_GAP8] = (line_t){.sender = MCU_GAP8,
+                                         .port = GAP8_PORT_UART1,
+                                         .wire = WIRE_UART1_TO_STM32,
+                                         .byte_ps = config->uart1_gap8_byte_ps};
     r->lines[LINE_UART2_STM32] = (line_t){.sender = MCU_STM32,
                                           .port = STM32_PORT_UART2,
                                           .wire = host ? -1 : WIRE_UART2_TO_ESP32,
@@ -146,6 +150,9 @@ void uart_deliver(robot_t *r, int wire, uint8_t byte) {
         mcu = MCU_GAP8;
         port = GAP8_PORT_UART1;
         to_host = r->config.host_wire == HOST_UART1;
+    } else if (wire == WIRE_UART1_TO_STM32) {
+        mcu = MCU_STM32;
+        port = STM32_PORT_UART1;
     } else if (wire == WIRE_UART2_TO_STM32) {
         mcu = MCU_STM32;
         port = STM32_PORT_UART2;

@@ -35,14 +35,14 @@ enum {
 enum {
     SOURCE_TIMER = 0,     ///< by mcu_t: boot while it is off, then its deadline
     SOURCE_LINE = 3,      ///< by line index: end of a byte
-    SOURCE_QUEUE = 7,     ///< by wire_t, UARTs: first delayed byte
-    SOURCE_SPI = 10,      ///< end of a window, or of a stall
-    SOURCE_TCP_LINK = 11, ///< by direction: the segment has left, or the link may move again
-    SOURCE_TCP_HEAD = 13, ///< by direction: the oldest segment arrives
-    SOURCE_CAMERA = 15,
-    SOURCE_NETWORK = 16,
-    SOURCE_STORAGE = 17, ///< the operation ends
-    SOURCE_COUNT = 18,
+    SOURCE_QUEUE = 8,     ///< by wire_t, UARTs: first delayed byte
+    SOURCE_SPI = 12,      ///< end of a window, or of a stall
+    SOURCE_TCP_LINK = 13, ///< by direction: the segment has left, or the link may move again
+    SOURCE_TCP_HEAD = 15, ///< by direction: the oldest segment arrives
+    SOURCE_CAMERA = 17,
+    SOURCE_NETWORK = 18,
+    SOURCE_STORAGE = 19, ///< the operation ends
+    SOURCE_COUNT = 20,
 };
 
 /// An app and the four verbs, so that something else than the native code can take its place: an image that
@@ -106,7 +106,14 @@ typedef struct {
     size_t bytes;     ///< of the run, so far
 } line_t;
 
-enum { LINE_UART1 = 0, LINE_UART2_STM32 = 1, LINE_UART2_ESP32 = 2, LINE_HOST = 3, LINE_COUNT = 4 };
+enum {
+    LINE_UART1 = 0,
+    LINE_UART2_STM32 = 1,
+    LINE_UART2_ESP32 = 2,
+    LINE_HOST = 3,
+    LINE_UART1_GAP8 = 4,
+    LINE_COUNT = 5,
+};
 
 /// A UART's faults at work: the unit that is on the line, and what is delayed.
 typedef struct {
@@ -124,7 +131,7 @@ typedef struct {
     uint8_t bytes[UART_QUEUE_BYTES];
 } uart_queue_t;
 
-enum { UART_WIRES = 3 }; ///< the first of wire_t
+enum { UART_WIRES = 4 }; ///< the first of wire_t
 
 typedef struct {
     bool under_way;

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import host
-from host.cli.show import clock_line, status_line, status_lines
+from host.cli.show import clock_line, status_line, status_lines, summary_lines
 from host.cli.stream_robot import Robot
 from host.link.records import Console, Frame
 
@@ -56,3 +56,11 @@ def test_the_clocks_are_shown_live(divider: int, ppm: float) -> None:
     assert drift == pytest.approx(((1 + ppm * 1e-6) * 85 / divider - 1) * 1e6, abs=5)
     assert offset == pytest.approx(offset_s, abs=2e-3)
     assert ("which counts 84 of 85" in line) == (divider == 84)
+    assert robot.last_frame is not None
+    assert robot.last_frame.native is not None
+    echo = robot.last_frame.native.echo
+    assert echo is not None
+    assert line.endswith(f", the fastest by {echo.minimum_delay_us} ± {echo.minimum_delay_error_us} us")
+    summary = robot.summary()
+    assert summary["echo"]["echoes"] == echo.echoes > 5
+    assert any(f"by {echo.echoes} echoes" in each for each in summary_lines(summary))

@@ -79,10 +79,10 @@ def ask_native(app: App, data_max: int = 0) -> None:
 
 def frame_message(packet: bytes) -> Any:
     assert packet[:2] == cpx(GAP8, HOST, APP, b"")
-    assert len(packet) == 2 + 128
+    assert len(packet) == 2 + 144
     header = ffi.new("native_frame_t *")
     memory = ffi.from_buffer(packet[2:])
-    assert lib.native_frame_decode((ffi.cast("uint8_t *", memory), 128), header) == 128
+    assert lib.native_frame_decode((ffi.cast("uint8_t *", memory), 144), header) == 144
     return header
 
 

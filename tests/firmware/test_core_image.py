@@ -57,15 +57,20 @@ FRAME_FIELDS = {
     "delay_us": 0xC4C3C2C1,
     "skew_ppb": -0x01020304,
     "latency_us": 0xE4E3E2E1,
+    "minimum_delay_us": 0xF4F3F2F1,
+    "minimum_delay_error_us": 0xF8F7F6F5,
+    "echoes": 0x0D0C0B0A,
 }
 FRAME_WIRE = bytes.fromhex(
-    "4e 01 80 00 01 02 03 04 44 01 f4 00 01 00 03 01 d0 34 01 00 11 12 13 14"
+    "4e 01 90 00 01 02 03 04 44 01 f4 00 01 00 03 01 d0 34 01 00 11 12 13 14"
     "11 12 13 14 15 16 17 18 21 22 23 24 25 26 27 28 31 32 33 34 41 42 43 44"
     "51 52 53 54 61 62 63 64 71 72 73 74 81 82 83 84"
     "91 00 00 00 92 00 00 00 93 00 00 00 94 00 00 00 95 00 00 00 96 00 00 00 97 00 00 00 98 00 00 00 99 00 00 00"
-    "6b 6b 62 f9 a1 a2 a3 a4 b1 b2 b3 b4 c1 c2 c3 c4 fc fc fd fe e1 e2 e3 e4 02 16 a7 9c"
+    "5e 21 8e e3 a1 a2 a3 a4 b1 b2 b3 b4 c1 c2 c3 c4 fc fc fd fe e1 e2 e3 e4 02 16 a7 9c"
+    "f1 f2 f3 f4 f5 f6 f7 f8 0a 0b 0c 0d 4b 89 47 a3"
 )
 CLOCK = ["window_us", "window_stamps", "delay_us", "skew_ppb", "latency_us"]
+ECHO = ["minimum_delay_us", "minimum_delay_error_us", "echoes"]
 STATUS_COUNTERS = [
     "frames_forwarded",
     "frames_dropped",
@@ -200,8 +205,8 @@ def test_no_bit_of_a_checked_message_may_change(message: Message) -> None:
 
 
 def sealed_frame(wire: bytes) -> bytes:
-    """With both its checks set right."""
-    return sealed(sealed(wire[:100]) + wire[104:124]) + wire[128:]
+    """With all its checks set right."""
+    return sealed(sealed(sealed(wire[:100]) + wire[104:124]) + wire[128:140]) + wire[144:]
 
 
 PICTURES = [
@@ -244,8 +249,16 @@ def test_what_a_picture_can_be(width: int, height: int, depth: int, encoding: in
 @pytest.mark.parametrize(
     ("stated", "size", "result"),
     [
-        *[(104, 104, 104), (105, 105, 105), (127, 158, 127), (128, 128, 128), (129, 129, 129), (140, 158, 140)],
-        *[(103, 158, -3), (0, 104, -3), (105, 104, -3), (128, 127, -3), (65535, 158, -3)],
+        *[
+            (104, 104, 104),
+            (105, 105, 105),
+            (127, 174, 127),
+            (128, 128, 128),
+            (143, 143, 143),
+            (144, 144, 144),
+            (160, 174, 160),
+        ],
+        *[(103, 174, -3), (0, 104, -3), (105, 104, -3), (128, 127, -3), (144, 143, -3), (65535, 174, -3)],
     ],
 )
 def test_native_frame_says_how_long_its_header_is(stated: int, size: int, result: int) -> None:
@@ -253,18 +266,19 @@ def test_native_frame_says_how_long_its_header_is(stated: int, size: int, result
     out = ffi.new("native_frame_t *")
     assert decoder(NATIVE[0])(wire[:size], out) == result
     assert lib.ERR_LENGTH == -3
-    clock = {name: getattr(out, name) for name in CLOCK}
-    assert clock == {name: FRAME_FIELDS[name] if result >= 128 else 0 for name in CLOCK}
+    for names, least in ((CLOCK, 128), (ECHO, 144)):
+        said = {name: FRAME_FIELDS[name] if result >= least else 0 for name in names}
+        assert {name: getattr(out, name) for name in names} == said
 
 
 @pytest.mark.parametrize(
     ("dialect", "data_max", "good"),
     [
         (0, 0, True),
-        (1, 128, True),
+        (1, 144, True),
         (1, 1020, True),
         (2, 0, False),
-        (255, 128, False),
+        (255, 144, False),
         (1, 127, False),
         (1, 1021, False),
     ],

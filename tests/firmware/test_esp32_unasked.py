@@ -86,7 +86,7 @@ def test_a_frame_that_was_under_way_when_the_client_came_tells_nothing() -> None
     assert app.frames_unasked == 0
 
 
-@pytest.mark.parametrize("data_max", [0, 128, 1020])
+@pytest.mark.parametrize("data_max", [0, 144, 1020])
 def test_what_was_asked_for_is_forgotten_with_the_client(data_max: int) -> None:
     app = esp32()
     ask(app, data_max)

@@ -51,7 +51,7 @@ def test_a_native_frame_says_all_about_itself() -> None:
     assert data_messages(packets[2:], 0) == body
 
 
-@pytest.mark.parametrize("data_max", [128, 129, 512, 1019, 1020])
+@pytest.mark.parametrize("data_max", [144, 145, 512, 1019, 1020])
 def test_native_packets_are_as_small_as_the_host_wants(data_max: int) -> None:
     app = gap8()
     ask_native(app, data_max)
@@ -129,7 +129,7 @@ def test_the_next_client_gets_stock_again() -> None:
 
 
 @pytest.mark.parametrize(
-    ("dialect", "data_max", "status"), [(2, 0, 1), (255, 9, 1), (1, 127, 2), (1, 1021, 2), (0, 1, 2), (1, 128, 0)]
+    ("dialect", "data_max", "status"), [(2, 0, 1), (255, 9, 1), (1, 143, 2), (1, 1021, 2), (0, 1, 2), (1, 144, 0)]
 )
 def test_a_stream_request_out_of_range_is_refused_by_its_field(dialect: int, data_max: int, status: int) -> None:
     app = gap8()

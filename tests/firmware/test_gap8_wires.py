@@ -179,7 +179,7 @@ def test_a_new_epoch_is_not_a_gap() -> None:
 def test_under_random_traffic_nothing_is_lost_without_a_count(seed: int) -> None:
     rng = random.Random(seed)
     app = gap8(camera={"burst": rng.randrange(1, 4), "frame_period_us": rng.choice([0, 3000])})
-    windows = [CONNECTED, GONE, camera_request(), request(16, struct.pack("<BBH", 1, 0, 128)), bytes(8), b"\x07"]
+    windows = [CONNECTED, GONE, camera_request(), request(16, struct.pack("<BBH", 1, 0, 144)), bytes(8), b"\x07"]
     command = b""
     for step in range(3000):
         now_us = step * 1000

@@ -13,6 +13,9 @@ typedef struct {
     instant_t now;
     uint8_t *bodies[GAP8_SLOTS]; ///< exactly as large as given, freed when the slot is used again
     int slot;                    ///< of the capture under way
+    uint8_t question[ECHO_QUESTION_BYTES];
+    uint8_t asked; ///< bytes of it
+    uint32_t sequence;
 } bench_t;
 
 static void hear_native(bytes_t data) {
@@ -92,12 +95,47 @@ static bool hear_camera(bench_t *self) {
     return true;
 }
 
+/// Whole questions: false when there is nothing to send.
+static bool hear_uart(bench_t *self) {
+    uint8_t out[ECHO_QUESTION_BYTES];
+    const size_t most = 1 + self->now.up_us % sizeof out;
+    const size_t size = gap8_transmit(&self->app, GAP8_PORT_UART1, (bytes_mut_t){out, most}, self->now);
+    CLAIM(size <= most);
+    for (size_t i = 0; i < size; i++) {
+        CLAIM(self->app.config.firmware == GAP8_NATIVE && self->app.config.echo_period_us != 0);
+        self->question[self->asked++] = out[i];
+        if (self->asked == ECHO_QUESTION_BYTES) {
+            uint8_t number;
+            CLAIM(echo_question_decode((bytes_t){self->question, self->asked}, &number) > 0);
+            CLAIM(number == self->app.echo.number);
+            self->asked = 0;
+        }
+    }
+    return size > 0;
+}
+
+/// A good stamp, or a good answer to the last question.
+static void good(bench_t *self, uint8_t choice) {
+    uint8_t message[STAMP_BYTES];
+    const stamp_t stamp = {self->sequence++, self->now.stamp_us, 0};
+    const echo_answer_t answer = {self->app.echo.number, self->now.stamp_us, choice * 10U};
+    if (choice & 8U) {
+        stamp_encode(&stamp, message);
+    } else {
+        echo_answer_encode(&answer, message);
+    }
+    const bytes_t in = {message, sizeof message};
+    CLAIM(gap8_receive(&self->app, GAP8_PORT_UART1, in, self->now) == (int)in.size);
+    CLAIM(self->app.echo.count[0] <= GAP8_ECHO_HALF && self->app.echo.count[1] <= GAP8_ECHO_HALF);
+}
+
 static void send_all(bench_t *self) {
     bool sent = true;
     for (int i = 0; sent; i++) {
         CLAIM(i < SENT_AT_ONCE_MAX);
         sent = hear_spi(self);
         sent = hear_camera(self) || sent;
+        sent = hear_uart(self) || sent;
     }
     CLAIM(gap8_deadline(&self->app) > self->now.up_us);
 }
@@ -137,6 +175,7 @@ static int init(bench_t *self, bytes_t *input) {
         .paper = choice & 15U,
         .nanocockpit_check = (choice & 1U) != 0,
         .stream_always = (choice & 32U) != 0,
+        .echo_period_us = choice & 1U ? 1000 : 0,
     };
     self->slot = -1;
     return gap8_init(&self->app, &config, self->now);
@@ -152,6 +191,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         const bytes_t in = choice % 6 < 3 ? take(&input, choice / 6) : (bytes_t){input.data, 0};
         switch (choice % 6) {
         case 0:
+            if (in.size == 0) {
+                good(&bench, choice);
+            }
             CLAIM(gap8_receive(&bench.app, GAP8_PORT_UART1, in, bench.now) == (int)in.size);
             break;
         case 1:

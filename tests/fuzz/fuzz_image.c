@@ -38,13 +38,17 @@ ROUND_TRIP(native_reply, NATIVE_REPLY_BYTES, NATIVE_REPLY_BYTES, 0, 0, NATIVE_RE
 /// Of a frame that is long enough, what comes after its first check too.
 static void clock_round_trip(bytes_t in) {
     native_frame_t read;
-    if (native_frame_decode(in, &read) < NATIVE_FRAME_BYTES) {
+    if (native_frame_decode(in, &read) < NATIVE_FRAME_CLOCK_BYTES) {
         return;
     }
     uint8_t out[NATIVE_FRAME_BYTES];
     native_frame_encode(&read, out);
-    const size_t clock = NATIVE_FRAME_BYTES - NATIVE_CHECK_BYTES - NATIVE_FRAME_SHORT_BYTES;
+    const size_t clock = NATIVE_FRAME_CLOCK_BYTES - NATIVE_CHECK_BYTES - NATIVE_FRAME_SHORT_BYTES;
     CLAIM(memcmp(out + NATIVE_FRAME_SHORT_BYTES, in.data + NATIVE_FRAME_SHORT_BYTES, clock) == 0);
+    if (read.echoes != 0) {
+        const size_t echo = NATIVE_FRAME_BYTES - NATIVE_CHECK_BYTES - NATIVE_FRAME_CLOCK_BYTES;
+        CLAIM(memcmp(out + NATIVE_FRAME_CLOCK_BYTES, in.data + NATIVE_FRAME_CLOCK_BYTES, echo) == 0);
+    }
 }
 
 static void data_round_trip(bytes_t in) {
@@ -97,6 +101,9 @@ static void sealed_round_trips(bytes_t in) {
     memcpy(message, in.data, in.size);
     if (seal(message, in.size, NATIVE_FRAME_SHORT_BYTES - NATIVE_CHECK_BYTES)) {
         native_frame_round_trip(made);
+    }
+    if (seal(message, in.size, NATIVE_FRAME_CLOCK_BYTES - NATIVE_CHECK_BYTES)) {
+        clock_round_trip(made);
     }
     if (seal(message, in.size, NATIVE_FRAME_BYTES - NATIVE_CHECK_BYTES)) {
         clock_round_trip(made);

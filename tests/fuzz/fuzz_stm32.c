@@ -30,6 +30,11 @@ static void hear_stamp(bench_t *self, uint8_t byte) {
     uart1_rx_put(&self->gap8, byte);
     if (uart1_rx_take(&self->gap8, &message)) {
         CLAIM(message.size == self->app.stamp_size);
+        if (message.kind == UART1_ECHO) {
+            CLAIM(message.echo.number == self->app.echo.number && self->app.stamp_echoes);
+            CLAIM(self->app.config.stamp_format == STM32_NATIVE);
+            return;
+        }
         self->sequence++;
         if (message.kind == UART1_STAMP) {
             CLAIM(message.stamp.sequence + 1 == self->sequence);
@@ -157,6 +162,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         const bytes_t in = take(&input, choice >> 2);
         switch (choice & 3U) {
         case 0:
+            if (in.size == 0) {
+                uint8_t question[ECHO_QUESTION_BYTES];
+                echo_question_encode(choice, question);
+                const bytes_t asked = {question, sizeof question};
+                CLAIM(stm32_receive(&bench.app, STM32_PORT_UART1, asked, bench.now) == (int)asked.size);
+            }
+            CLAIM(stm32_receive(&bench.app, STM32_PORT_UART1, in, bench.now) == (int)in.size);
             CLAIM(stm32_receive(&bench.app, STM32_PORT_UART2, in, bench.now) == (int)in.size);
             break;
         case 1:

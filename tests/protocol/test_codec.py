@@ -65,7 +65,7 @@ def test_data_that_does_not_fit() -> None:
 
 @pytest.mark.parametrize("data_max", [-1, 1, 99, 1021, 70000])
 def test_a_stream_request_that_does_not_fit(data_max: int) -> None:
-    with pytest.raises(LocalError, match=rf"^data_max is {data_max}: give 0 or 128\.\.1020$"):
+    with pytest.raises(LocalError, match=rf"^data_max is {data_max}: give 0 or 144\.\.1020$"):
         codec.encode_stream_request(StreamRequest(True, data_max))
 
 

@@ -7,6 +7,7 @@ from wire_formats import (
     BY_NAME,
     decode,
     encode,
+    repair_crc16,
     repair_frame,
     repair_log,
     repair_pairs,
@@ -63,15 +64,24 @@ def cases() -> Iterator[Case]:
     yield "stock header", stock + b"\0", False
 
     frame = encode(BY_NAME["native frame"], {"width": 1, "height": 1, "depth": 1, "body_bytes": 1}, 0)
-    yield from starts("native frame", frame, 128)
+    yield from starts("native frame", frame, 144)
     short = ((103, 0, False), (104, 0, True), (127, 0, True))
-    for header_bytes, more, accepted in (*short, (128, 5, True), (129, 0, False), (129, 1, True)):
+    for header_bytes, more, accepted in (
+        *short,
+        (128, 5, True),
+        (143, 0, True),
+        (144, 0, True),
+        (145, 0, False),
+        (145, 1, True),
+    ):
         wire = repair_frame(frame[:2] + bytes([header_bytes, 0]) + frame[4:])
         yield "native frame", wire + bytes(more), accepted
 
     for count, accepted in ((0, False), (1, True), (48, True), (49, False), (255, False)):
         yield "native pairs", repair_pairs(bytes([0x4E, 3, count]) + bytes(9 + 21 * 255)), accepted
     yield from starts("native pairs", repair_pairs(bytes([0x4E, 3, 1]) + bytes(9 + 21)), 2 + 1 + 1 + 4 + 21 + 4)
+    yield from starts("echo question", repair_crc16(bytes.fromhex("d52b070000")), 5)
+    yield from starts("echo answer", repair_crc16(bytes.fromhex("d52c") + bytes(15)), 17)
     yield from starts("native data", bytes([0x4E, 2]) + bytes(7), 2)
     yield from starts("native status", repair_status(bytes([0x4E, 4]) + bytes(62)), 64)
     yield from starts("native log", repair_log(bytes([0x4E, 6]) + bytes(50)), 52)
@@ -85,7 +95,7 @@ def cases() -> Iterator[Case]:
     yield from starts("native stream", bytes([0x4E, 16]) + bytes(4), 2)
     for dialect, accepted in ((1, True), (2, False), (255, False)):
         yield "native stream", bytes([0x4E, 16, dialect, 9, 0, 0]), accepted
-    for data_max, accepted in ((1, False), (127, False), (128, True), (1020, True), (1021, False), (65535, False)):
+    for data_max, accepted in ((1, False), (143, False), (144, True), (1020, True), (1021, False), (65535, False)):
         yield "native stream", bytes([0x4E, 16, 1, 0]) + data_max.to_bytes(2, "little"), accepted
 
     for length, accepted in ((0, True), (1, False), (2, True), (100, True), (101, False), (255, False)):

@@ -178,9 +178,19 @@ def repair_stamp(data: bytes) -> bytes:
     return data[:15] + checks.crc16(data[2:15]).to_bytes(2, "little") + data[17:] if len(data) >= 17 else data
 
 
+def repair_crc16(data: bytes) -> bytes:
+    """Of an echo's question, or of its answer."""
+    size = 5 if data[1:2] == b"\x2b" else 17
+    return (
+        data[: size - 2] + checks.crc16(data[2 : size - 2]).to_bytes(2, "little") + data[size:]
+        if len(data) >= size
+        else data
+    )
+
+
 def repair_frame(data: bytes) -> bytes:
-    """Both checks; the second one is not there in a short message, and then not judged."""
-    return repair_check32(repair_check32(data, 100), 124)
+    """All checks; the later ones are not there in a short message, and then not judged."""
+    return repair_check32(repair_check32(repair_check32(data, 100), 124), 140)
 
 
 def repair_pairs(data: bytes) -> bytes:
@@ -394,6 +404,28 @@ FORMATS = [
         lambda outputs, _: {name: getattr(outputs[0], name) for name in field_names("stamp_t")},
         repair=repair_stamp,
     ),
+    Format(
+        "echo question",
+        st.fixed_dictionaries({"number": st.integers(0, 255)}),
+        lambda values: stamp.QUESTION.build({"covered": {"value": values}}),
+        lambda data: parsed(stamp.QUESTION, data, lambda found: plain(found.covered.value, ["number"])),
+        lambda values, buffer, _: lib.echo_question_encode(values["number"], buffer) or 5,
+        lib.echo_question_decode,
+        ("uint8_t *",),
+        lambda outputs, _: {"number": outputs[0][0]},
+        repair=repair_crc16,
+    ),
+    Format(
+        "echo answer",
+        any_values("echo_answer_t"),
+        lambda values: stamp.ANSWER.build({"covered": {"value": values}}),
+        lambda data: parsed(stamp.ANSWER, data, lambda found: plain(found.covered.value, field_names("echo_answer_t"))),
+        lambda values, buffer, _: lib.echo_answer_encode(ffi.new("echo_answer_t *", values), buffer) or 17,
+        lib.echo_answer_decode,
+        ("echo_answer_t *",),
+        lambda outputs, _: {name: getattr(outputs[0], name) for name in field_names("echo_answer_t")},
+        repair=repair_crc16,
+    ),
     message("beacon", "beacon_t", "beacon", beacon.BEACON, 14, any_values("beacon_t")),
     message("stock header", "image_stock_t", "image_stock", image.STOCK_HEADER, 11, pictures("type", "size")),
     message(
@@ -401,7 +433,7 @@ FORMATS = [
         "native_frame_t",
         "native_frame",
         native.FRAME,
-        128,
+        144,
         merged(
             any_values("native_frame_t", skew_ppb=st.integers(-(2**31), 2**31 - 1)), pictures("encoding", "body_bytes")
         ),
@@ -470,7 +502,7 @@ FORMATS = [
         "native_stream",
         native.STREAM,
         6,
-        any_values("native_stream_t", dialect=st.integers(0, 1), data_max=st.just(0) | st.integers(128, 1020)),
+        any_values("native_stream_t", dialect=st.integers(0, 1), data_max=st.just(0) | st.integers(144, 1020)),
     ),
     message("native camera", "native_camera_t", "native_camera", native.CAMERA, 14, any_values("native_camera_t")),
     nested(

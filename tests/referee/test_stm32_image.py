@@ -59,7 +59,7 @@ def wished(url: str) -> Any:
         config.clocks[mcu].boot_ns = ALL_ALONE_NS
     for wire in range(lib.WIRE_COUNT):
         config.wires[wire] = ffi.new("wire_faults_t *")[0]
-    config.uart1_byte_ps = config.uart2_stm32_byte_ps = FAST_PS
+    config.uart1_byte_ps = config.uart1_gap8_byte_ps = config.uart2_stm32_byte_ps = FAST_PS
     if clock.divider == 84:
         config.stm32.stamp_period_us = 8500  # whole ticks of 84/85 us: QEMU's two clocks have no common fraction
         config.stm32.wifi_mode = 0

@@ -26,6 +26,7 @@ def perfect(change: Change | None = None) -> Any:
     camera.analog_gain, camera.digital_gain, camera.burst = 1, 64, 1
     camera.exposure_lines, camera.frame_period_us = 100, 50_000
     config.uart1_byte_ps = 86_805_556
+    config.uart1_gap8_byte_ps = 86_800_000
     config.uart2_stm32_byte_ps = config.uart2_esp32_byte_ps = 17_361_111
     config.spi_byte_ps = 800_000
     config.spi_gap_ns = 20_000

@@ -20,6 +20,7 @@ FIRMWARES: dict[str, Dialect] = {
 }
 WIRES = {
     lib.WIRE_UART1: ("stamps", "stamps"),
+    lib.WIRE_UART1_TO_STM32: ("stamps", "stamps"),
     lib.WIRE_UART2_TO_ESP32: ("cpx-uart", ""),
     lib.WIRE_UART2_TO_STM32: ("cpx-uart", ""),
     lib.WIRE_SPI_TO_ESP32: ("spi", "nanocockpit-spi"),
@@ -61,6 +62,7 @@ def test_every_wire_is_recognised_and_has_no_garbage(scenario: str, wire: int) -
     data = sent(scenario).get(wire, b"")
     expected = WIRES[wire][scenario == "nanocockpit"]
     silent = {
+        *[(other, lib.WIRE_UART1_TO_STM32) for other in ("stock", "paper", "nanocockpit")],
         ("stock", lib.WIRE_UART1),  # which stock firmware does not use
         ("stock", lib.WIRE_TCP_TO_ESP32),
         ("paper", lib.WIRE_TCP_TO_ESP32),
@@ -92,6 +94,7 @@ def test_what_goes_over_them_has_its_name() -> None:
         ("paper", lib.WIRE_UART1): "time message of the paper's firmware",
         ("nanocockpit", lib.WIRE_UART1): "NanoCockpit's state",
         ("hover", lib.WIRE_UART1): "stamp message",
+        ("hover", lib.WIRE_UART1_TO_STM32): "question for an echo",
         ("paper", lib.WIRE_TCP_TO_HOST): "image header of the paper's firmware",
         ("hover", lib.WIRE_TCP_TO_HOST): "native frame",
         ("nanocockpit", lib.WIRE_TCP_TO_HOST): "image, bytes 0..3219 of 3220, the last ones; no check was sent",

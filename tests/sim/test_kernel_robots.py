@@ -42,7 +42,11 @@ def test_threads_and_portions_change_nothing(threads: int, step_s: float) -> Non
 def test_a_full_trace_is_in_the_order_in_which_runs_end() -> None:
     with World("hover", robots=3, trace="full", **SETTINGS) as world:
         world.run(1)
-        ends = [one.true_ns + len(one.data) * one.byte_ps / 1000 for one in world.take_trace() if one.wire == "uart1"]
+        ends = [
+            one.true_ns + len(one.data) * one.byte_ps / 1000
+            for one in world.take_trace()
+            if one.wire == "uart1_to_gap8"
+        ]
     assert len(ends) > 100
     assert all(after > before - 1000 for before, after in itertools.pairwise(ends)), (
         "but for what a clock drifts in a run"

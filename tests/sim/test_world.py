@@ -186,11 +186,11 @@ def test_every_setting_reaches_the_kernel():
     assert (gap8.rate_ppb, gap8.ramp_ppb, gap8.ramp_ns, gap8.walk_ppb) == (1500, 2000, 3_000_000_000, 4)
     assert (gap8.boot_ns, gap8.stamp_start_us, gap8.stamp_bits, gap8.quantum) == (5_000_000, 6, 32, 2)
     assert [clock.divider for clock in config.clocks] == [84, 85, 85]
-    assert [wire.latency_ns for wire in config.wires] == [0, 7000, 7000, 0, 0, 1_500_000, 1_500_000]
-    assert [wire.reorder for wire in config.wires] == [0, 0.25, 0.25, 0, 0, 0, 0]
-    assert [wire.duplicate for wire in config.wires] == [0, 0.125, 0.125, 0, 0, 0, 0]
-    assert [wire.flip for wire in config.wires] == [0, 0, 0, 0.5, 0.5, 0, 0]
-    assert [wire.stall_ns for wire in config.wires] == [0, 0, 0, 0, 0, 8_000_000, 8_000_000]
+    assert [wire.latency_ns for wire in config.wires] == [0, 7000, 7000, 0, 0, 0, 1_500_000, 1_500_000]
+    assert [wire.reorder for wire in config.wires] == [0, 0.25, 0.25, 0, 0, 0, 0, 0]
+    assert [wire.duplicate for wire in config.wires] == [0, 0.125, 0.125, 0, 0, 0, 0, 0]
+    assert [wire.flip for wire in config.wires] == [0, 0, 0, 0, 0.5, 0.5, 0, 0]
+    assert [wire.stall_ns for wire in config.wires] == [0, 0, 0, 0, 0, 0, 8_000_000, 8_000_000]
     assert (config.tcp_window_bytes, config.stm32.crtp_period_us) == (20000, 10000)
     assert (config.gap8.camera.frame_period_us, config.gap8.camera.burst, config.gap8.stamp_bits) == (500_000, 2, 32)
 
@@ -217,7 +217,7 @@ def test_faults_are_merged_and_counted():
         robot.set_faults("uart1", loss=0.5)
         robot.set_faults("uart1", latency_us=10)
         world.run(10)
-        assert 350 < robot.wires["uart1"]["lost"] < 650
+        assert 350 < robot.wires["uart1_to_gap8"]["lost"] < 650
         assert robot.wires["tcp_to_host"]["lost"] == 0
         assert robot.gap8["stamps_missed"] > 300
 

@@ -17,6 +17,7 @@ FRAME |= {"line_time_ns": 62700, "stamp_sequence": 4000000000, "stamp_age_us": 4
 FRAME |= {"stamps_missed": 10, "stamps_bad": 11, "pairs_lost": 12, "captures_failed": 13, "captures_late": 14}
 FRAME |= {"frames_unsent": 15, "spi_errors": 16, "packets_dropped": 17}
 CLOCK = {"window_us": 8000000, "window_stamps": 799, "delay_us": 501, "skew_ppb": -11764706, "latency_us": 93}
+ECHO = {"minimum_delay_us": 180, "minimum_delay_error_us": 184, "echoes": 33}
 PAIRS = [{"sequence": 5, "stm32_us": 2**40 + 1, "gap8_us": 2**41 + 2, "epoch": 0}]
 PAIRS += [{"sequence": 2**32 - 1, "stm32_us": 2**64 - 1, "gap8_us": 0, "epoch": 255}]
 COUNTERS = "frames_forwarded frames_dropped frames_cut packets_forwarded packets_dropped packets_unroutable"
@@ -36,7 +37,9 @@ CAMERA = {"auto_exposure": 1, "analog_gain": 4, "digital_gain": 200, "burst": 2,
 CAMERA |= {"exposure_lines": 532, "frame_period_us": 66667}
 STAMP = {"sequence": 123456, "stm32_us": 987654321012, "epoch": 3}
 stamped = struct.pack("<IQB", *STAMP.values())
-crc16 = crcmod.predefined.mkPredefinedCrcFun("crc-ccitt-false")(stamped)
+ANSWER = {"number": 200, "received_stm32_us": 987654321012, "held_us": 1409}
+answered = struct.pack("<BQI", *ANSWER.values())
+crc16 = crcmod.predefined.mkPredefinedCrcFun("crc-ccitt-false")
 
 
 def sealed(message):
@@ -46,10 +49,13 @@ def sealed(message):
 MESSAGES = [
     (
         "native frame",
-        FRAME | CLOCK,
+        FRAME | CLOCK | ECHO,
         sealed(
-            sealed(struct.pack("<BBHIHHBBHIIQQIBBBBIIIIIIIIIIIII", 0x4E, 1, 128, *FRAME.values()))
-            + struct.pack("<IIIiI", *CLOCK.values())
+            sealed(
+                sealed(struct.pack("<BBHIHHBBHIIQQIBBBBIIIIIIIIIIIII", 0x4E, 1, 144, *FRAME.values()))
+                + struct.pack("<IIIiI", *CLOCK.values())
+            )
+            + struct.pack("<III", *ECHO.values())
         ),
     ),
     (
@@ -69,7 +75,9 @@ MESSAGES = [
     ("native reply", {"request": 17, "status": 2}, bytes([0x4E, 5, 17, 2])),
     ("native stream", {"dialect": 1, "data_max": 1020}, struct.pack("<BBBBH", 0x4E, 16, 1, 0, 1020)),
     ("native camera", CAMERA, struct.pack("<BBBBBBBBHI", 0x4E, 17, 1, 4, 200, 2, 1, 0, 532, 66667)),
-    ("stamp message", STAMP, b"\xd5\x2a" + stamped + struct.pack("<H", crc16)),
+    ("stamp message", STAMP, b"\xd5\x2a" + stamped + struct.pack("<H", crc16(stamped))),
+    ("echo question", {"number": 200}, b"\xd5\x2b\xc8" + struct.pack("<H", crc16(b"\xc8"))),
+    ("echo answer", ANSWER, b"\xd5\x2c" + answered + struct.pack("<H", crc16(answered))),
 ]
 
 if __name__ == "__main__":

@@ -91,6 +91,11 @@ bool alarm_came(uint64_t now_us);
 void uart_init(void);
 /// The byte that has come; the next one may come.
 uint8_t uart_take(void);
+/// Where to put what is to be sent, or no room while something is on its way.
+bytes_mut_t uart_room(void);
+void uart_send(size_t size);
+/// It has left, or at least the DMA.
+void uart_sent(void);
 
 // spi.c
 void spi_init(void);

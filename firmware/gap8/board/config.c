@@ -7,6 +7,7 @@ const volatile gap8_board_config_t board_config __attribute__((section(".board_c
             .width = 324,
             .height = 244,
             .line_time_ns = 125333,
+            .echo_period_us = 1000000,
             .camera =
                 {
                     .analog_gain = 1,

@@ -22,7 +22,7 @@ typedef struct {
     uint8_t reserved[6];
 } gap8_board_config_t;
 
-_Static_assert(sizeof(gap8_config_t) == 36, "the same on every compiler");
+_Static_assert(sizeof(gap8_config_t) == 40, "the same on every compiler");
 _Static_assert(offsetof(gap8_board_config_t, stamp_start_us) == 40, "likewise");
 _Static_assert(offsetof(gap8_board_config_t, stamp_bits) == 48, "likewise");
 _Static_assert(sizeof(gap8_board_config_t) == 56, "likewise");

@@ -18,10 +18,19 @@ static void receive(gap8_port_t port, bytes_t in) {
     board.wake = true;
 }
 
-// Of 1700 bytes a second, none alone makes the app send anything.
+static void ask_uart(void) {
+    const bytes_mut_t room = uart_room();
+    const size_t size = room.size == 0 ? 0 : gap8_transmit(&board_app, GAP8_PORT_UART1, room, board.now);
+    if (size != 0) {
+        uart_send(size);
+    }
+}
+
+// Of 1700 bytes a second, none alone makes the app send anything but on UART1.
 static void receive_uart(void) {
     const uint8_t byte = uart_take();
     gap8_receive(&board_app, GAP8_PORT_UART1, (bytes_t){&byte, 1}, board.now);
+    ask_uart();
     if (board.now.up_us >= board.due_us) {
         board.wake = true;
     }
@@ -40,6 +49,9 @@ HANDLER void soc_event_handler(void) {
     switch (event & SOC_EVENT_NUMBER) {
     case SOC_EVENT_UART_RX:
         receive_uart();
+        break;
+    case SOC_EVENT_UART_TX:
+        uart_sent();
         break;
     case SOC_EVENT_SPIM1_RX:
         receive_spi();

@@ -34,6 +34,7 @@ enum { UDMA_ID_SPIM1 = 2, UDMA_ID_UART = 4 };
 /// udma/uart/udma_uart_v1.h.
 enum {
     UART_SETUP_8_BITS = 3 << 1,
+    UART_SETUP_TX = 1 << 8,
     UART_SETUP_RX = 1 << 9,
     UART_SETUP_DIVIDER_BIT = 16, ///< divider of the periphery's clock, less one
 };
@@ -99,6 +100,7 @@ enum {
 enum {
     SOC_EVENT_SPIM1_RX = 4,
     SOC_EVENT_UART_RX = 8,
+    SOC_EVENT_UART_TX = 9,
     SOC_EVENT_SPIM1_EOT = 23,
     SOC_EVENT_GPIO = 42,
 };

@@ -6,13 +6,31 @@ enum { BAUD = 115200, DIVIDER = (GAP8_FC_HZ + BAUD / 2) / BAUD };
 /// next one has come.
 static volatile uint8_t byte __attribute__((aligned(4)));
 
+static uint8_t out[ECHO_QUESTION_BYTES] __attribute__((aligned(4)));
+static bool busy; ///< it is on its way
+
 void uart_init(void) {
     UDMA_CLOCKS |= 1U << UDMA_ID_UART;
-    UART->setup = UART_SETUP_RX | UART_SETUP_8_BITS | (uint32_t)(DIVIDER - 1) << UART_SETUP_DIVIDER_BIT;
+    UART->setup =
+        UART_SETUP_TX | UART_SETUP_RX | UART_SETUP_8_BITS | (uint32_t)(DIVIDER - 1) << UART_SETUP_DIVIDER_BIT;
     soc_event_enable(SOC_EVENT_UART_RX);
+    soc_event_enable(SOC_EVENT_UART_TX);
     udma_start(&UART->rx, &byte, sizeof byte, UDMA_EN | UDMA_CONTINUOUS);
 }
 
 uint8_t uart_take(void) {
     return byte;
+}
+
+bytes_mut_t uart_room(void) {
+    return (bytes_mut_t){out, busy ? 0 : sizeof out};
+}
+
+void uart_send(size_t size) {
+    busy = true;
+    udma_start(&UART->tx, out, size, UDMA_EN);
+}
+
+void uart_sent(void) {
+    busy = false;
 }

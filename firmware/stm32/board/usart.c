@@ -4,6 +4,7 @@ enum {
     PIN_USART2_TX = 2,  ///< of GPIOA
     PIN_USART2_RX = 3,  ///< of GPIOA
     PIN_USART3_TX = 10, ///< of GPIOC
+    PIN_USART3_RX = 11, ///< of GPIOC
     USART2_BRR = 73,    ///< sixteenths: 42 MHz / 4.5625 / 16 = 575342 Bd
     USART3_BRR = 365,   ///< 42 MHz / 22.8125 / 16 = 115068 Bd
 };
@@ -30,10 +31,11 @@ void usart_init(void) {
     route(GPIOA, PIN_USART2_TX);
     route(GPIOA, PIN_USART2_RX);
     route(GPIOC, PIN_USART3_TX);
+    route(GPIOC, PIN_USART3_RX);
     USART2->brr = USART2_BRR;
     USART2->cr1 = USART_CR1_UE | USART_CR1_TE | USART_CR1_RE | USART_CR1_RXNEIE;
     USART3->brr = USART3_BRR;
-    USART3->cr1 = USART_CR1_UE | USART_CR1_TE;
+    USART3->cr1 = USART_CR1_UE | USART_CR1_TE | USART_CR1_RE | USART_CR1_RXNEIE;
     enable_sent(USART2);
     enable_sent(USART3);
     interrupt_enable(IRQ_USART2);

@@ -34,7 +34,7 @@ def uart_piece(data: bytes, at: int) -> Piece | str:
 
 
 class Message(NamedTuple):
-    """One that the STM32 sends on UART1."""
+    """One on UART1."""
 
     layout: str
     """Its table in docs/PROTOCOL.md."""
@@ -48,6 +48,8 @@ class Message(NamedTuple):
 
 MESSAGES = (
     Message("stamp", b"\xd5\x2a", 17, "CRC-16", 2, 2, crc16),
+    Message("echo question", b"\xd5\x2b", 5, "CRC-16", 2, 2, crc16),
+    Message("echo answer", b"\xd5\x2c", 17, "CRC-16", 2, 2, crc16),
     Message("paper stamp", b"\xbc\x25\x01", 40, "check byte", 1, 2, xor8),
     Message("nanocockpit state", b"!STA", 40, "CRC-32", 4, 0, crc32),
     Message("nanocockpit noise", b"!RNG", 12, "CRC-32", 4, 0, crc32),

@@ -78,8 +78,8 @@ def sealed(covered: Any, *behind: Any) -> Any:
 FRAME_FIELDS = message(
     1,
     "header_bytes"
-    / Default(OneOf(Int16ul, range(104, 65536)), 128)
-    * "bytes of this message, 128 for what is described here; not more than there are",
+    / Default(OneOf(Int16ul, range(104, 65536)), 144)
+    * "bytes of this message, 144 for what is described here; not more than there are",
     "frame" / Int32ul * "+1 for each frame that the camera completed, sent or not; wraps",
     "width" / SIDE * "pixels, 1..1024",
     "height" / SIDE * "pixels, 1..1024",
@@ -117,12 +117,38 @@ CLOCK_FIELDS = Struct(
     "skew_ppb" / Int32sl * "1e-9, how much faster the STM32's stamp clock is than the GAP8's",
     "latency_us" / Int32ul * "us, part of bound_us: how late the end of frame was read is known so well",
 )
+ECHO_FIELDS = Struct(
+    "minimum_delay_us" / Int32ul * "us, of a message on UART1 one way, beyond its time on the wire",
+    "minimum_delay_error_us" / Int32ul * "us, of that, either side",
+    "echoes" / Int32ul * "that it is from; 0: nothing is said of it",
+)
+ECHO = Struct(
+    "covered" / RawCopy(ECHO_FIELDS),
+    "echo_check32"
+    / Checksum(Int32ul, crc32, lambda this: before_echo(this) + this.covered.data)
+    * "CRC-32 of all before it",
+    Padding(this._._.covered.value.header_bytes - 144) * "fields of later versions, ignored",
+)
+
+
+def before_echo(this: Any) -> bytes:
+    """The bytes of a frame message before its echo's."""
+    frame, clock = this._._, this._
+    checks = Int32ul.build(frame.check32), Int32ul.build(clock.clock_check32)
+    return bytes(frame.covered.data + checks[0] + clock.covered.data + checks[1])
+
+
+def has_echo(this: Any) -> bool:
+    """In the struct of the clock."""
+    return bool(this._.covered.value.header_bytes >= 144)
+
+
 CLOCK = Struct(
     "covered" / RawCopy(CLOCK_FIELDS),
     "clock_check32"
     / Checksum(Int32ul, crc32, lambda this: this._.covered.data + Int32ul.build(this._.check32) + this.covered.data)
     * "CRC-32 of all before it",
-    Padding(this._.covered.value.header_bytes - 128) * "fields of later versions, ignored",
+    "echo" / IfThenElse(has_echo, ECHO, Padding(this._.covered.value.header_bytes - 128)),
 )
 
 
@@ -131,13 +157,21 @@ def has_clock(this: Any) -> bool:
 
 
 def whole_frame(found: Any, _: Any) -> Any:
-    clock = found.clock.covered.value if has_clock(found) else dict.fromkeys(each.name for each in CLOCK_FIELDS.subcons)
-    return Container(found.covered.value | clock)
+    clock = found.clock if has_clock(found) else None
+    echo = clock.echo if clock and clock.echo else None
+    parts = [
+        part.covered.value if part else dict.fromkeys(each.name for each in fields.subcons)
+        for part, fields in ((clock, CLOCK_FIELDS), (echo, ECHO_FIELDS))
+    ]
+    return Container(found.covered.value | parts[0] | parts[1])
 
 
 def parts_of_frame(values: Any, _: Any) -> Any:
-    clock = {each.name: values.get(each.name, 0) for each in CLOCK_FIELDS.subcons}
-    return {"covered": {"value": values}, "clock": {"covered": {"value": clock}}}
+    clock, echo = (
+        {"covered": {"value": {each.name: values.get(each.name, 0) for each in fields.subcons}}}
+        for fields in (CLOCK_FIELDS, ECHO_FIELDS)
+    )
+    return {"covered": {"value": values}, "clock": clock | {"echo": echo}}
 
 
 FRAME = ExprAdapter(
@@ -149,7 +183,8 @@ FRAME = ExprAdapter(
     whole_frame,
     parts_of_frame,
 )
-"""The fields from window_us on came later: a message of less than 128 bytes ends with its first check."""
+"""The fields from window_us on came later, and those from minimum_delay_us on later still: a message of less than 128
+bytes ends with its first check, one of less than 144 with its second."""
 
 DATA = message(
     2,
@@ -237,7 +272,7 @@ STREAM = message(
     16,
     "dialect" / OneOf(Int8ul, (0, 1)) * "0 stock, 1 native",
     Padding(1) * "written as 0, ignored",
-    "data_max" / OneOf(Int16ul, (0, *range(128, 1021))) * "longest CPX data wanted, 128..1020 bytes; 0: 1020",
+    "data_max" / OneOf(Int16ul, (0, *range(144, 1021))) * "longest CPX data wanted, 144..1020 bytes; 0: 1020",
 )
 
 CAMERA = message(

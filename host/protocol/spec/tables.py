@@ -23,6 +23,8 @@ LAYOUTS: dict[str, Any] = {
     "link frame": cpx_link.FRAME,
     "link idle": cpx_link.IDLE,
     "stamp": stamp.STAMP,
+    "echo question": stamp.QUESTION,
+    "echo answer": stamp.ANSWER,
     "stock header": image.STOCK_HEADER,
     "native frame": native.FRAME,
     "native data": native.DATA,
@@ -134,7 +136,7 @@ def constant(field: Any) -> str:
 
 def plain(expression: str) -> str:
     """(this['length'] - 2) as a person writes it."""
-    named = re.sub(r"this(?:\['_'\])?(?:\['covered'\]\['value'\])?\['(\w+)'\]", r"\1", expression)
+    named = re.sub(r"this(?:\['_'\])*(?:\['covered'\]\['value'\])?\['(\w+)'\]", r"\1", expression)
     return named.removeprefix("(").removesuffix(")")
 
 
