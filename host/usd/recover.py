@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -101,9 +102,14 @@ def find_runs(reader: RowReader) -> tuple[list[Run], list[Damage]]:
         begin, found = search(reader, walk, last)
         if begin < at:
             runs[-1] = replace(runs[-1], walk=reader.walk(walk.begin, begin, None, strict=False))
-        damages.append(Damage(begin, found - begin, reason(reader, walk, begin, found)))
+        why = reason(reader, walk, begin, found)
         if runs and likely:
-            pace.add(reader.stamp_at(runs[-1].walk.begin), runs[-1].walk)
+            if begin == at and (shorter := before_leap(reader, pace, runs[-1].walk, found)):
+                begin, why = shorter.end, "a row whose time leaps ahead: rows behind the damage go on from before it"
+                runs[-1:] = [replace(runs[-1], walk=shorter)] if shorter.end > shorter.begin else []
+            if runs:
+                pace.add(reader.stamp_at(runs[-1].walk.begin), runs[-1].walk)
+        damages.append(Damage(begin, found - begin, why))
         if found < size:
             likely = pace.expects(reader.stamp_at(found), found)
         at, after, last = found, "damage", None
@@ -135,6 +141,19 @@ class Pace:
         passed_us = (stamp - self._last) * self._unit_us
         usual_us = (at - self._end) * self._time * self._unit_us / max(self._bytes, 1)
         return -BACK_US <= passed_us <= SLACK_US + SLACK * usual_us
+
+
+def before_leap(reader: RowReader, pace: Pace, walk: Walk, found: int) -> Walk | None:
+    """Without its last row, if that one's time alone keeps what is found behind the damage from going on."""
+    if found == len(reader.data) or walk.last is None or walk.end == walk.begin:
+        return None
+    stamp = reader.stamp_at(found)
+    if stamp + BACK_US // reader.header.unit_us >= walk.last:
+        return None
+    shorter = reader.walk(walk.begin, walk.last_row, None, strict=False)
+    without = copy(pace)
+    without.add(reader.stamp_at(walk.begin), shorter)
+    return shorter if without.expects(stamp, found) else None
 
 
 def goes_on(reader: RowReader, at: int, last: int) -> bool:

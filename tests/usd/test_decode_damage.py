@@ -58,6 +58,23 @@ def test_real_logs_with_flipped_bits(name: str) -> None:
             assert log.row_count >= len(spans(data)) - 4 * len(places) - 4, seed
 
 
+@pytest.mark.parametrize("apart", [1, 2, 5])
+@pytest.mark.parametrize("first", [0, 1, 300])
+def test_a_time_that_leaps_ahead_of_another_damage(first: int, apart: int) -> None:
+    """Nothing tells that the first of two broken rows is wrong but the rows behind the second."""
+    data = fill(Writer(), seed=3).close()
+    rows = spans(data)
+    broken = bytearray(data)
+    broken[rows[first][1] + 2 + 3] ^= 1 << 4  # 268 s later
+    broken[rows[first + apart][1]] ^= 0xFF
+    log = decode(broken)
+    assert log.row_count == len(rows) - apart - 1
+    damage = log.damages[0]
+    assert (damage.offset, damage.offset + damage.size) == (rows[first][1], rows[first + apart][2])
+    assert len(log.epochs) == 1
+    assert log.epochs[0].last_us < 7_000_000
+
+
 @pytest.mark.parametrize("name", VERSION_2[::4])
 @pytest.mark.parametrize("kind", ["zeros", "erased", "noise", "stale"])
 def test_real_logs_with_a_foreign_tail(name: str, kind: str) -> None:
