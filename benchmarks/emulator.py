@@ -46,7 +46,7 @@ def simulate(backend: str, seconds: float, settings: dict[str, Any]) -> dict[str
             for robot in world.robots:
                 robot.read()
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-        uart_bytes = sum(robot.wires["uart1"]["bytes"] for robot in world.robots)
+        uart_bytes = sum(robot.wires["uart1_to_gap8"]["bytes"] for robot in world.robots)
         return {
             "wall_s": wall,
             "cpu_s": cpu,
