@@ -32,9 +32,9 @@ LEFT_IN = "the lag of the gyro's filters, if it has any"
 def run(arguments: argparse.Namespace) -> int:
     """4 if the offset is refused."""
     from ..link.replay import Recording
+    from .new_file import new_file
     from .sync_camera_plot import HEIGHT, WIDTH, picture
     from .usd_plot import picture_writer
-    from .usd_tables import new_file
 
     check(arguments)
     with ExitStack() as outputs:

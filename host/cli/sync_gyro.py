@@ -42,9 +42,9 @@ class Source:
 
 def run(arguments: argparse.Namespace) -> int:
     """4 if the shift is refused."""
+    from .new_file import new_file
     from .sync_gyro_plot import HEIGHT, WIDTH, picture
     from .usd_plot import picture_writer
-    from .usd_tables import new_file
 
     if arguments.first == arguments.second:
         raise LocalError(f"{arguments.first}: given twice: give the logs of two robots")

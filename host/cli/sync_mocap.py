@@ -25,9 +25,9 @@ SOURCES = ("estPose", "stateEstimate", "stateEstimateZ")
 
 def run(arguments: argparse.Namespace) -> int:
     """4 if nothing is known of any."""
+    from .new_file import new_file
     from .sync_mocap_plot import HEIGHT, WIDTH, picture
     from .usd_plot import picture_writer
-    from .usd_tables import new_file
 
     with ExitStack() as outputs:
         write_picture = picture_writer(arguments.plot) if arguments.plot else None

@@ -50,8 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
             raise PeerError(f"{name}: no rows: see 'host usd check'")
     if not arguments.plot:
         return judge(arguments, logs, None)
+    from .new_file import new_file
     from .usd_plot import picture_writer
-    from .usd_tables import new_file
 
     write_picture = picture_writer(arguments.plot)
     with new_file(arguments.plot, arguments.force) as out:

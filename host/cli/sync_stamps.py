@@ -36,9 +36,9 @@ ALL_LATE = "a delay that every message has beyond the wire; how late the GAP8 re
 def run(arguments: argparse.Namespace) -> int:
     """4 if there is no frame, or none of a robot's can be given a time."""
     from ..link.replay import Recording
+    from .new_file import new_file
     from .sync_plot import HEIGHT, WIDTH, picture
     from .usd_plot import picture_writer
-    from .usd_tables import new_file
 
     code = 0
     if arguments.row and not arguments.apply:

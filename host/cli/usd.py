@@ -170,7 +170,7 @@ def run_repair(arguments: argparse.Namespace) -> int:
     from ..usd.files import split
     from ..usd.repair import repair
     from .as_json import line
-    from .usd_tables import new_file
+    from .new_file import new_file
 
     source, header_of, log = read_rows(arguments)
     if Path(arguments.output).exists() and Path(arguments.output).samefile(split(arguments.file)[0]):

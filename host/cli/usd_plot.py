@@ -53,10 +53,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Draws the picture; 4 if nothing of the log can be read."""
     from ..usd.plot import CURVES_MAX, PANELS_MAX, plot
     from .as_json import line
+    from .new_file import new_file
     from .usd import load, raise_nothing, warn, warn_of_card
     from .usd_config import counted
     from .usd_report import state
-    from .usd_tables import new_file
 
     write = picture_writer(arguments.output)
     first, last = bound(arguments.from_us, "--from-us", -math.inf), bound(arguments.to_us, "--to-us", math.inf)

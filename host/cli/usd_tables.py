@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import re
 from collections.abc import Callable, Container, Iterator
-from contextlib import contextmanager
 from itertools import chain, count
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from ..link.mcap import MAGIC, Channel, Chunk, Schema, encode_channel, encode_he
 from ..link.mcap_summary import finish
 from ..protocol.errors import LocalError
 from ..usd.log import Log, Rows
+from .new_file import new_file
 
 ROWS_AT_ONCE = 10_000
 """Turned into text at a time."""
@@ -35,33 +34,6 @@ def write(log: Log, output: str, verified_only: bool, force: bool) -> Written:
         raise LocalError(f"{output}: its ending chooses the format: {', '.join(WRITERS)}")
     tables = {name: Table(rows, verified_only) for name, rows in log.rows.items() if len(rows)}
     return WRITERS[ending](tables, path, force)
-
-
-@contextmanager
-def new_file(path: str | Path, force: bool) -> Iterator[IO[bytes]]:
-    """Under another name until it is complete. LocalError if it exists (without force) or cannot be written."""
-    target = Path(path)
-    part = target.with_name(f"{target.name}.part")
-    try:
-        if target.exists() and not force:
-            raise LocalError(f"{target}: exists, and is not overwritten without --force")
-        if target.exists() and not target.is_file():  # a device would be gone
-            raise LocalError(f"{target}: a folder, a pipe or a device: name a file")
-        file = part.open("w+b" if force else "x+b")
-    except FileExistsError as error:
-        raise LocalError(f"{part}: exists, left by a command that was stopped: remove it, or use --force") from error
-    except OSError as error:
-        raise LocalError(f"{target}: {os.strerror(error.errno or 0)}") from error
-    try:
-        with file:
-            yield file
-        part.replace(target)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise LocalError(f"{target}: {os.strerror(error.errno or 0)}") from error
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
 
 
 class Table:

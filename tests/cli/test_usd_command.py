@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from host.cli import main
-from host.cli.usd_tables import new_file
+from host.cli.new_file import new_file
 from host.protocol.errors import LocalError
 from host.usd.decode import decode
 

@@ -1,0 +1,38 @@
+"""A file that a command makes: complete or not at all, and never over another without being told to."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from ..protocol.errors import LocalError
+
+
+@contextmanager
+def new_file(path: str | Path, force: bool) -> Iterator[IO[bytes]]:
+    """Under another name until it is complete. LocalError if it exists (without force) or cannot be written."""
+    target = Path(path)
+    part = target.with_name(f"{target.name}.part")
+    try:
+        if target.exists() and not force:
+            raise LocalError(f"{target}: exists, and is not overwritten without --force")
+        if target.exists() and not target.is_file():  # a device would be gone
+            raise LocalError(f"{target}: a folder, a pipe or a device: name a file")
+        file = part.open("w+b" if force else "x+b")
+    except FileExistsError as error:
+        raise LocalError(f"{part}: exists, left by a command that was stopped: remove it, or use --force") from error
+    except OSError as error:
+        raise LocalError(f"{target}: {os.strerror(error.errno or 0)}") from error
+    try:
+        with file:
+            yield file
+        part.replace(target)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise LocalError(f"{target}: {os.strerror(error.errno or 0)}") from error
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
