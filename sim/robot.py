@@ -136,15 +136,17 @@ class Robot:
 
     def land(self) -> None:
         """Closes the log and writes the image of the card, if it is to be kept. Once."""
-        path, self._image = self._image, None
-        if path is None or self.card is None:
+        if self._image is None or self.card is None:
             return
-        self.shut_down()
-        end_ns = self.world.now_ns + LANDING_NS
-        while self.log["status"] in ("starts", "on", "closes") and self.world.now_ns < end_ns:
-            self.world.run_until(self.world.now_ns + NS // 100)
-        self.card.cut(self.world.now_ns)
-        self.card.save(str(path))
+        try:
+            self.shut_down()
+            end_ns = self.world.now_ns + LANDING_NS
+            while self.log["status"] in ("starts", "on", "closes") and self.world.now_ns < end_ns:
+                self.world.run_until(self.world.now_ns + NS // 100)
+        finally:  # An image that has failed runs no more: then the log stays open, as after a power cut.
+            self.card.cut(self.world.now_ns)
+            self.card.save(str(self._image))
+            self._image = None
 
     def set_storage(self, store: Store) -> None:
         """The STM32 has this for a card, from now on; best before it boots, as that is when it looks for one."""

@@ -345,20 +345,28 @@ class World:
 
     def land(self) -> None:
         """The flight is over: robots whose card's image is kept (usd_image) close their logs, and it is written."""
+        failed: Exception | None = None
         for robot in self.robots:
-            robot.land()
+            try:
+                robot.land()
+            except Exception as error:  # The others' cards come first.
+                failed = failed or error
+        if failed:
+            raise failed
 
     def close(self) -> None:
         """Frees the kernel, after land(); truth and log stay readable. May be called again."""
         with self.lock:
             if self.closed:
                 return
-            self.land()
-            self._keep_truth(now=True)
-            self._closed_log = None if self._journal is None else self.log
-            self._kernel.free()
-            self._pictures.clear()
-            self._buffers.clear()
+            try:
+                self.land()
+            finally:
+                self._keep_truth(now=True)
+                self._closed_log = None if self._journal is None else self.log
+                self._kernel.free()
+                self._pictures.clear()
+                self._buffers.clear()
 
     def __enter__(self) -> World:
         return self

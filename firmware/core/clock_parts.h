@@ -9,9 +9,10 @@
 enum {
     Q8 = 256,
     BLOCK_LAST_US = 250000,
-    FINE_NS = 1000,   ///< ticks that are no longer than this hide nothing
-    LATE_US = 100000, ///< later is no delay
-    DOUBT = 14,       ///< a gap of this mean delays per message has a chance of e^-14
+    FINE_NS = 1000,     ///< ticks that are no longer than this hide nothing
+    COARSE_NS = 100000, ///< messages may all come at the same place in such a tick
+    LATE_US = 100000,   ///< later is no delay
+    DOUBT = 14,         ///< a gap of this mean delays per message has a chance of e^-14
 };
 
 static inline int32_t passed(uint64_t from, uint64_t to) {
@@ -31,9 +32,11 @@ static inline uint32_t tick_q8(const clock_track_t *self) {
     return (uint32_t)((uint64_t)tick_ns * Q8 / 1000);
 }
 
-/// By how much apart the same instant may be read.
+/// By how much apart the same instant may be read; with coarse ticks a line and a message may each be so
+/// wrong.
 static inline uint32_t hidden_q8(const clock_track_t *self) {
-    return self->known.tick_ns > FINE_NS ? tick_q8(self) : 0;
+    const uint32_t ticks = self->known.tick_ns > COARSE_NS ? 2 : 1;
+    return self->known.tick_ns > FINE_NS ? ticks * tick_q8(self) : 0;
 }
 
 // clock.c

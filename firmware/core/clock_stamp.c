@@ -5,7 +5,6 @@
 #include <string.h>
 
 enum {
-    COARSE_NS = 100000, ///< messages may all come at the same place in such a tick
     HOLDOVER_US = 250000,
     STUCK_MIN = 3,
     SLOW_Q31 = -25264513, ///< skew of an STM32 clock that counts 84 where 85 have passed: -2^31 / 85

@@ -122,6 +122,7 @@ typedef struct {
     int8_t sending;           ///< slot, or -1
     uint8_t burst_left;       ///< captures still to start in this burst; their slots are free
     bool capture_regular;     ///< the one under way began when it was due, a frame period after another
+    bool capture_anew;        ///< the next one is the first since the settings or the rhythm may have changed
     bool capture_waits;       ///< the next burst is due, and counted as late: its slots are not free
     uint64_t capture_next_us; ///< uptime of the next burst
     uint64_t capture_timeout_us;

@@ -5,6 +5,7 @@ enum { CAPTURE_LATE_US = 20 }; ///< after it was due: later is not regular
 void gap8_captures_set(gap8_t *self, const native_camera_t *camera, uint64_t now_us) {
     self->camera_next = *camera;
     self->capture_waits = false;
+    self->capture_anew = true;
     const uint64_t next_us = now_us + camera->frame_period_us;
     if (self->capture_next_us > next_us) {
         self->capture_next_us = next_us;
@@ -14,6 +15,7 @@ void gap8_captures_set(gap8_t *self, const native_camera_t *camera, uint64_t now
 void gap8_captures_begin(gap8_t *self, uint64_t now_us) {
     self->capture_next_us = now_us;
     self->capture_waits = false;
+    self->capture_anew = true;
 }
 
 void gap8_captures_expire(gap8_t *self, uint64_t now_us) {
@@ -56,12 +58,14 @@ static bool begin_burst(gap8_t *self, uint64_t now_us) {
     const uint64_t periods = period_us == 0 ? 0 : (now_us - self->capture_next_us) / period_us + 1;
     const bool fits = burst_fits(self);
     const uint64_t late_us = now_us - self->capture_next_us;
-    self->capture_regular = period_us > 0 && self->camera_next.burst == 1 && late_us <= CAPTURE_LATE_US;
+    self->capture_regular =
+        period_us > 0 && self->camera_next.burst == 1 && late_us <= CAPTURE_LATE_US && !self->capture_anew;
     self->capture_next_us += periods * period_us;
     if (fits) {
         self->camera = self->camera_next;
         self->burst_left = self->camera.burst;
         self->capture_waits = false;
+        self->capture_anew = false;
     } else if (period_us > 0) {
         self->captures_late += (uint32_t)periods * self->camera_next.burst;
     } else if (!self->capture_waits) {

@@ -101,7 +101,8 @@ def pace(read_us: Floats, number: Ints, tick_us: float) -> tuple[Floats, Floats,
     period_us = float((read_us[-1] - read_us[0]) / count[-1])
     due_s: Floats = period_us * 1e-6 * count
     base_us = read_us[0]
-    made = smooth(due_s, read_us - base_us - due_s * 1e6, tick_us)
+    read_s = (read_us - base_us) * 1e-6
+    made = smooth(read_s, (read_s - due_s) * 1e6, tick_us)
     end_us = base_us + due_s * 1e6 + made.track.at(due_s)
     bound_us = np.interp(due_s, made.track.time_s, made.bound_us) + min(tick_us, FINE_US) / 2
     most_us = 2 * (LATEST * float(made.mu_us.max()) + tick_us) + bound_us

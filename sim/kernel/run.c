@@ -170,7 +170,9 @@ static const robot_t *failed(const kernel_t *k) {
 static void arrive(kernel_t *k, int64_t now_ns) {
     k->now_ns = now_ns;
     for (uint32_t i = 0; i < k->robot_count; i++) {
-        k->robots[i]->now_ns = now_ns;
+        if (k->robots[i]->now_ns < now_ns) { // after a failure others may be further on
+            k->robots[i]->now_ns = now_ns;
+        }
     }
 }
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from host.link.records import Frame
+from host.protocol.packets import CameraSettings
 from sim.receiver import Receiver
 from sim.truth import errors_us, stamped
 from sim.world import World
@@ -104,6 +105,18 @@ def reset_often(robot: Receiver) -> None:
         robot.run(0.001)
 
 
+def exposes(lines: int) -> Callable[[Receiver], None]:
+    """The end of a frame comes as much later, which is no lateness of its reading."""
+    settings = CameraSettings(auto_exposure=False, exposure_lines=lines, frame_period_us=33_333)
+    return lambda robot: robot._session.request_camera(settings)
+
+
+def connect_anew(robot: Receiver) -> None:
+    for _ in range(6):
+        robot.connect()
+        robot.run(1.517)
+
+
 def silent(seconds: float) -> Callable[[Receiver], None]:
     def act(robot: Receiver) -> None:
         robot.set_faults("uart1", loss=1.0)
@@ -137,6 +150,10 @@ FAULTS = {
     "each stamp twice": Fault(lambda robot: robot.set_faults("uart1", duplicate=0.5)),
     "stamps out of order": Fault(lambda robot: robot.set_faults("uart1", reorder=0.05)),
     "damaged bytes": Fault(lambda robot: robot.set_faults("uart1", flip=0.002)),
+    "a line more of exposure": Fault(exposes(101)),
+    "eight lines more of exposure": Fault(exposes(108)),
+    "a line less of exposure": Fault(exposes(99)),
+    "the host connects anew": Fault(connect_anew),
     "bursts of loss": Fault(lambda robot: robot.set_faults("uart1", burst_per_s=0.5, burst_ms=1000)),
 }
 

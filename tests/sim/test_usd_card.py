@@ -71,6 +71,19 @@ def test_each_robot_of_a_swarm_has_its_card(tmp_path: Path) -> None:
     assert len(sessions) == 2
 
 
+def test_an_image_that_cannot_be_written_costs_no_other_robots(tmp_path: Path) -> None:
+    robots = [tmp_path / "gone", tmp_path / "there"]
+    world = World("hover", robots=2, usd_config="state", usd_image=str(tmp_path / "card.img"), **QUIET)
+    world.run(1.0)
+    for robot, folder in zip(world.robots, robots, strict=True):
+        robot._image = folder / "card.img"
+    robots[1].mkdir()
+    with pytest.raises(LocalError, match="gone"):
+        world.close()
+    assert world.closed
+    assert list(robots[1].iterdir()) == [robots[1] / "card.img"]
+
+
 def test_the_image_of_a_port_is_written_when_it_closes(tmp_path: Path) -> None:
     path = tmp_path / "card.img"
     port = open_port(f"sim://hover?pace=max&usd_config=state&usd_size_mb=64&usd_image={path}")

@@ -2,8 +2,8 @@
 
 enum { BAUD = 115200, DIVIDER = (GAP8_FC_HZ + BAUD / 2) / BAUD };
 
-/// One byte for each transfer, again and again: each has its own time of arrival, and is taken before the
-/// next one has come.
+/// One byte for each transfer, again and again: each has its own time of arrival. It must be taken within the
+/// 87 us until the next one: a byte that comes while interrupts are off for longer is lost, and its message.
 static volatile uint8_t byte __attribute__((aligned(4)));
 
 static uint8_t out[ECHO_QUESTION_BYTES] __attribute__((aligned(4)));
