@@ -45,8 +45,9 @@ def test_the_copy_has_all_and_the_times(robots: int, tmp_path: Path, capsys: pyt
         times = [json.loads(each[2]) for each in new[f"/robot{robot}/restamped"]]
         # The first frame came as stock, and has no GAP8 time.
         frames = [each for each in frames if "native" in each]
-        # Frames that were read together with the event that ended the recording are in its bytes alone.
-        assert len(times) >= len(frames) > 15
+        # Frames that were read together with the event that ended the recording are in its bytes alone: how many is
+        # up to the threads of the two ports.
+        assert len(times) >= len(frames) > 8
         assert [each[:2] for each in new[f"/robot{robot}/restamped"][: len(frames)]] == [
             each[:2] for each in new[f"/robot{robot}/frame"] if "native" in json.loads(each[2])
         ]
