@@ -68,6 +68,9 @@ static void search(bytes_t in, uint8_t kinds) {
             case UART1_PAPER:
                 paper_stamp_encode(&message.paper, out);
                 break;
+            case UART1_ECHO:
+                echo_answer_encode(&message.echo, out);
+                break;
             default:
                 CLAIM(message.kind == UART1_NANOCOCKPIT);
                 if (message.size != NANOCOCKPIT_STATE_BYTES) {
