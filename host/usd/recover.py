@@ -27,6 +27,7 @@ JUST_RESET_US = 10_000_000
 """So has one that goes back, and not to about zero as a reset does."""
 SLACK_US, SLACK = 5_000_000, 4
 """Rows behind damage come as much later as the bytes in between take, times this, plus this."""
+LEAP = "a row whose time leaps ahead: the rows behind go on from before it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +97,12 @@ def find_runs(reader: RowReader) -> tuple[list[Run], list[Damage]]:
                 damages.append(Damage(at, behind - at, "a row whose time makes no sense: the rows behind it go on"))
                 at, after = behind, "damage"
                 continue
+            shorter = before_leap(reader, pace, runs[-1].walk, at) if likely else None
+            if shorter and shorter.last is not None and reader.follows(at, shorter.last):
+                damages.append(Damage(shorter.end, at - shorter.end, LEAP))
+                runs[-1] = replace(runs[-1], walk=shorter)
+                after, last = "damage", shorter.last
+                continue
             if goes_on(reader, at, last):
                 after, last = "time", None
                 continue
@@ -105,7 +112,7 @@ def find_runs(reader: RowReader) -> tuple[list[Run], list[Damage]]:
         why = reason(reader, walk, begin, found)
         if runs and likely:
             if begin == at and (shorter := before_leap(reader, pace, runs[-1].walk, found)):
-                begin, why = shorter.end, "a row whose time leaps ahead: rows behind the damage go on from before it"
+                begin, why = shorter.end, LEAP
                 runs[-1:] = [replace(runs[-1], walk=shorter)] if shorter.end > shorter.begin else []
             if runs:
                 pace.add(reader.stamp_at(runs[-1].walk.begin), runs[-1].walk)
@@ -144,7 +151,8 @@ class Pace:
 
 
 def before_leap(reader: RowReader, pace: Pace, walk: Walk, found: int) -> Walk | None:
-    """Without its last row, if that one's time alone keeps what is found behind the damage from going on."""
+    """Without its last row, if that one's time alone keeps the rows at `found` from going on. The walk has believed it,
+    as there might have been a hole."""
     if found == len(reader.data) or walk.last is None or walk.end == walk.begin:
         return None
     stamp = reader.stamp_at(found)

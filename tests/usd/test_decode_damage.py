@@ -61,18 +61,48 @@ def test_real_logs_with_flipped_bits(name: str) -> None:
 @pytest.mark.parametrize("apart", [1, 2, 5])
 @pytest.mark.parametrize("first", [0, 1, 300])
 def test_a_time_that_leaps_ahead_of_another_damage(first: int, apart: int) -> None:
-    """Nothing tells that the first of two broken rows is wrong but the rows behind the second."""
+    """Nothing tells that the first of two broken rows is wrong but the rows behind it, or else those behind both."""
     data = fill(Writer(), seed=3).close()
     rows = spans(data)
     broken = bytearray(data)
     broken[rows[first][1] + 2 + 3] ^= 1 << 4  # 268 s later
     broken[rows[first + apart][1]] ^= 0xFF
     log = decode(broken)
-    assert log.row_count == len(rows) - apart - 1
-    damage = log.damages[0]
-    assert (damage.offset, damage.offset + damage.size) == (rows[first][1], rows[first + apart][2])
+    damages = [(each.offset, each.offset + each.size) for each in log.damages[:-1]]
+    if first and apart > 3:  # Three rows between them go on from the row before.
+        assert log.row_count == len(rows) - 2
+        assert damages == [rows[place][1:] for place in (first, first + apart)]
+    else:
+        assert log.row_count == len(rows) - apart - 1
+        assert damages == [(rows[first][1], rows[first + apart][2])]
     assert len(log.epochs) == 1
     assert log.epochs[0].last_us < 7_000_000
+
+
+@pytest.mark.parametrize("first", [1, 2, 300])
+def test_a_time_that_leaps_ahead_alone(first: int) -> None:
+    """Which is no reset of the clock behind it."""
+    data = fill(Writer(), seed=3).close()
+    rows = spans(data)
+    broken = bytearray(data)
+    broken[rows[first][1] + 2 + 3] ^= 1 << 4
+    log = decode(broken)
+    assert log.row_count == len(rows) - 1
+    damage = log.damages[0]
+    assert (damage.offset, damage.offset + damage.size) == rows[first][1:]
+    assert len(log.epochs) == 1
+    assert log.epochs[0].last_us < 7_000_000
+
+
+@pytest.mark.parametrize("begin_us", [0, 200_000_000])
+def test_a_reset_behind_a_hole_is_a_reset(begin_us: int) -> None:
+    log = fill(Writer(), seed=3)
+    log.row(FIXED, 273_000_000, 0, 0, 0)
+    fill(log, seed=4, start_us=begin_us)
+    decoded = decode(bytes(log.data))
+    assert decoded.row_count == len(log.rows)
+    assert decoded.damages == ()
+    assert [each.last_us // 1_000_000 for each in decoded.epochs] == [273, begin_us // 1_000_000]
 
 
 @pytest.mark.parametrize("name", VERSION_2[::4])
