@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ from host.protocol.codec import encode_cpx_uart
 from host.protocol.errors import LocalError
 from host.protocol.packets import CpxPacket, Route
 
-from . import configure, emulated, scenario
+from . import configure, counters, emulated, scenario
 from .images import Image
 from .settings import RobotSettings, Scalar, Wire
 from .storage import Storage, Store
@@ -24,37 +23,6 @@ if TYPE_CHECKING:
 
 NS = 1_000_000_000
 MCUS = {"stm32": lib.MCU_STM32, "gap8": lib.MCU_GAP8, "esp32": lib.MCU_ESP32}
-UART2_COUNTERS = [
-    *["uart2.packets_in", "uart2.packets_out", "uart2.credits_in", "uart2.credits_repeated", "uart2.bad_check"],
-    *["uart2.bad_length", "uart2.bad_version", "uart2.garbage_bytes", "uart2.gaps"],
-]
-COUNTERS = {
-    "stm32": ["stamps_sent", "stamps_late", "packets_dropped", "packets_unknown", "crtp_ignored", *UART2_COUNTERS],
-    "gap8": [
-        *["frame", "frames_sent", "frames_unsent", "captures_failed", "captures_late"],
-        *["stamp_rx.received", "stamp_rx.bad_check", "stamp_rx.garbage_bytes", "stamps_missed", "pairs_lost"],
-        *["spi_errors", "packets_dropped", "packets_unknown", "requests_refused"],
-    ],
-    "esp32": [
-        *["frames_forwarded", "frames_dropped", "frames_cut", "frames_unasked", "packets_forwarded"],
-        *["packets_dropped", "packets_unroutable", "packets_unsent", "spi_errors", "wifi_refused", "gap8_resets"],
-        *[*UART2_COUNTERS, "tcp_rx.packets_in", "tcp_rx.skipped_bytes"],
-    ],
-}
-"""The apps' counters by the names in their structs; a dot becomes an underscore."""
-LOG_STATUS = ["off", "starts", "on", "closes", "no card", "no config", "bad config", "no name", "full", "failed"]
-"""By log_state_t."""
-LOG_COUNTERS = {
-    "status": "log.status",
-    "files": "log.files",
-    "config_errors": "log.config.errors",
-    "config_warnings": "log.config.warnings",
-    **{
-        name: f"log.log.counters.{name}"
-        for name in ("requested", "accepted", "dropped", "stall_us", "syncs", "errors", "session")
-    },
-}
-WIRE_COUNTERS = ["bytes", "units", "lost", "duplicated", "reordered", "dropped", "flipped", "stalls", "overflowed"]
 FAULTS = {field.name for field in dataclasses.fields(Wire)} | {"duplicate", "reorder"}
 SHUTDOWN = encode_cpx_uart(CpxPacket(Route(lib.CPX_STM32, lib.CPX_HOST, lib.CPX_SYSTEM), bytes([lib.SYSTEM_SHUTDOWN])))
 LANDING_NS = 3 * NS
@@ -166,32 +134,32 @@ class Robot:
     @property
     def stm32(self) -> dict[str, int]:
         """Counters since the STM32's last boot, by their names in firmware/stm32/app.h."""
-        return self._app("stm32", lib.kernel_stm32, COUNTERS["stm32"])
+        return self._app("stm32", lib.kernel_stm32, counters.APPS["stm32"])
 
     @property
     def log(self) -> dict[str, int | str]:
-        """Of the log on the STM32's card: its status, files since boot, errors and warnings of config.txt, and the
-        counters of the present file, or of the last."""
-        counts = self._app("stm32", lib.kernel_stm32, list(LOG_COUNTERS.values()))
-        named: dict[str, int | str] = {name: counts[of.replace(".", "_")] for name, of in LOG_COUNTERS.items()}
-        return {**named, "status": LOG_STATUS[int(named["status"])]}
+        """Of the log on the STM32's card: its status (a LogState), files since boot, errors and warnings of
+        config.txt, and the counters of the present file, or of the last."""
+        counts = self._app("stm32", lib.kernel_stm32, list(counters.LOG.values()))
+        named: dict[str, int | str] = {name: counts[of.replace(".", "_")] for name, of in counters.LOG.items()}
+        return {**named, "status": counters.LOG_STATES[int(named["status"])]}
 
     @property
     def gap8(self) -> dict[str, int]:
         """Likewise, firmware/gap8/app.h."""
-        return self._app("gap8", lib.kernel_gap8, COUNTERS["gap8"])
+        return self._app("gap8", lib.kernel_gap8, counters.APPS["gap8"])
 
     @property
     def esp32(self) -> dict[str, int]:
         """Likewise, firmware/esp32/app.h."""
-        return self._app("esp32", lib.kernel_esp32, COUNTERS["esp32"])
+        return self._app("esp32", lib.kernel_esp32, counters.APPS["esp32"])
 
     def _app(self, mcu: str, native: Callable[[Any, int], Any], names: list[str]) -> dict[str, int]:
         with self.world.lock:
             if mcu in self.images:
                 counts = emulated.counters(self.world.kernel, self.index, mcu, self.images[mcu], names)
                 return {name.replace(".", "_"): count for name, count in counts.items()}
-            return _counters(native(self.world.kernel, self.index), names)
+            return counters.read(native(self.world.kernel, self.index), names)
 
     @property
     def stacks(self) -> dict[str, int]:
@@ -207,7 +175,7 @@ class Robot:
         """What each direction of each wire has carried, and what its faults did to it (wire_counts_t)."""
         with self.world.lock:
             return {
-                name: _counters(lib.kernel_wire_counts(self.world.kernel, self.index, wires[0]), WIRE_COUNTERS)
+                name: counters.read(lib.kernel_wire_counts(self.world.kernel, self.index, wires[0]), counters.WIRE)
                 for name, wires in configure.WIRES.items()
                 if len(wires) == 1
             }
@@ -311,10 +279,6 @@ DONE = {
     *["stall", "inject", "radio", "set_rate", "reset_stamp_clock", "reboot"],
 }
 """Methods that a log may name."""
-
-
-def _counters(struct: Any, names: list[str]) -> dict[str, int]:
-    return {name.replace(".", "_"): int(functools.reduce(getattr, name.split("."), struct)) for name in names}
 
 
 def _mcu(name: str) -> int:

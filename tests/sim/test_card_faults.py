@@ -174,12 +174,12 @@ def test_removed_in_flight_and_put_back() -> None:
     card = Card(128, removed_ns=3 * SECOND)
     world = flown(card, 4.0)
     state = world.robots[0].log
-    assert state["status"] == "no card"
+    assert state["status"] == "no_card"
     assert state["errors"] > 0
     assert world.robots[0].stm32["stamps_sent"] > 350, "it flies on"
     card.removed_ns = None
     world.run(1.0)
-    assert world.robots[0].log["status"] == "no card", "until it is told to log"
+    assert world.robots[0].log["status"] == "no_card", "until it is told to log"
     assert logging(world, True)["status"] == "on"
     assert logging(world, False)["status"] == "off"
     first, second = logs_on(card)

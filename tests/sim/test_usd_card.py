@@ -179,7 +179,7 @@ def test_a_full_card_is_used_up_and_the_log_on_it_is_whole() -> None:
 def test_a_card_that_is_pulled_out() -> None:
     world = flown(3.0, usd_config="state", usd_remove_s=2)
     counts = world.robots[0].log
-    assert (counts["status"], counts["errors"]) == ("no card", 1)
+    assert (counts["status"], counts["errors"]) == ("no_card", 1)
     assert world.robots[0].stm32["stamps_sent"] > 290
 
 

@@ -91,7 +91,7 @@ def test_power_that_goes_is_told_to_the_card_and_the_next_boot_has_another_file(
 def test_a_robot_without_a_card_says_so_and_flies() -> None:
     world = World("hover")
     world.run(1.0)
-    assert world.robots[0].log["status"] == "no card"
+    assert world.robots[0].log["status"] == "no_card"
     assert world.robots[0].stm32["stamps_sent"] > 90
 
 
