@@ -1,6 +1,6 @@
 """How well the offset between a camera's frames and a gyro's log is found: errors against the simulator's truth.
 
-python benchmarks/camera_gyro.py [SEEDS [RENDERED]]     (default 12 and 3)
+    python benchmarks/camera_gyro.py [--seeds 12] [--rendered 3]
 
 First places of 12 bands are given with noise of 0.05, 0.2 and 1 px, 40 s of them (bar: 0.1 ms rms at 0.2 px). Then
 pictures alone, 20 s of 324 x 244 pixels with noise of 2 grey levels; a picture is rendered in some 15 ms.
@@ -8,6 +8,7 @@ pictures alone, 20 s of 324 x 244 pixels with noise of 2 grey levels; a picture 
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -24,7 +25,6 @@ from host.clock.turning import Turning
 from sim.turned_camera import Flight, Motion, flight
 
 BANDS, BAR_MS = 12, 0.1
-DEFAULTS = ["12", "3"]
 
 
 def given(made: Flight, px: float, line_free: bool) -> tuple[Fit | None, float]:
@@ -98,7 +98,11 @@ def rendered(motion: Motion, fps: float, seeds: range) -> bool:
 
 
 def main() -> int:
-    seeds, few = (range(int(each)) for each in (sys.argv[1:] + DEFAULTS[len(sys.argv) - 1 :]))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=12, help="of bands, for each row")
+    parser.add_argument("--rendered", type=int, default=3, help="of pictures alone")
+    options = parser.parse_args()
+    seeds, few = range(options.seeds), range(options.rendered)
     print(f"{'ms':34}{'rms':>9}{'max':>9}{'mean':>9}{'sigma':>9}{'% 99':>9}{'refused':>9}")
     good = True
     for motion in get_args(Motion)[:2]:

@@ -1,10 +1,11 @@
 """How often host doctor is right: faults one by one, clean robots, slow stages, each with seeds of its own.
 
-python benchmarks/doctor.py [SEEDS]     (default 5; each listens to a minute of a simulated robot)
+python benchmarks/doctor.py [--seeds 5]
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 
@@ -23,8 +24,9 @@ def named(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 
 def main() -> int:
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 5
-    seeds = range(100, 100 + count)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=5, help="of each fault, a minute of a simulated robot")
+    seeds = range(100, 100 + parser.parse_args().seeds)
     print(f"{'fault':28}{'where':10}{'found':>8}{'also blamed':>16}")
     always = 0
     for case in FAULTS:

@@ -1,6 +1,6 @@
 """The README's figure: how far off times of frames are, by the paper's rule and by ours, and the bounds of ours.
 
-    python benchmarks/figure.py [OUT.svg]      (without OUT: the figures in it, and no picture)
+    python benchmarks/figure.py [--plot FILE]
 
 One simulated flight of two minutes: STM32 firmware that counts 84 where 85 have passed, messages 500 us late on
 average, none for three seconds. The paper's rule is idealised: the last stamp, and what has passed since, with the
@@ -9,6 +9,7 @@ fixed delay removed and clocks of 1 us.
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -118,13 +119,16 @@ def p95(times: Times) -> float:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--plot", type=Path, help="the picture, .svg; without it, only the figures are printed")
+    plot = parser.parse_args().plot
     flown = flight()
     for name, times in flown.items():
         bound = "" if times.bound_us is None else f", bound {size(np.median(times.bound_us))} (median)"
         held = "" if times.bound_us is None else f", holds for {(times.error_us <= times.bound_us).mean():.2%}"
         print(f"{name:10}p95 {size(p95(times))}, worst {size(times.error_us.max())}{bound}{held}")
-    if len(sys.argv) > 1:
-        Path(sys.argv[1]).write_bytes(svg(WIDTH, HEIGHT, list(picture(flown))))
+    if plot:
+        plot.write_bytes(svg(WIDTH, HEIGHT, list(picture(flown))))
 
 
 if __name__ == "__main__":

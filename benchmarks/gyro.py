@@ -1,6 +1,6 @@
 """How well two gyros on a teeterboard tell the shift between two clocks: against the truth and the bound of theory.
 
-python benchmarks/gyro.py [SEEDS]     (default 30; each is a minute with 16 impacts)
+    python benchmarks/gyro.py [--seeds 30]
 
 The bound is Cramér and Rao's (sim.teeterboard.bound_us), with skew, gain and bias unknown. Noise that is white in the
 logged samples comes first. Then noise that went through the sensors' filters as the signal did: of both hardly any is
@@ -10,6 +10,7 @@ which stops at 200 Hz). Nobody can use it: what the board does above 500 Hz is f
 
 from __future__ import annotations
 
+import argparse
 import sys
 
 import numpy as np
@@ -58,7 +59,9 @@ def row(name: str, seeds: int, density: float, white: float, below_hz: float = 5
 
 
 def main() -> int:
-    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 30
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=30, help="each is a minute with 16 impacts")
+    seeds = parser.parse_args().seeds
     print(f"{'us':32}{'rms':>9}{'bound':>9}{'ratio':>9}{'sigma':>9}{'rms/sig':>9}{'% in 2':>9}{'paper sd':>9}")
     good = True
     for dps in (0.1, 0.3, 1.0, 3.0, 10.0):

@@ -1,10 +1,11 @@
 """How well a log's gyro tells how late motion capture is: simulated flights of known lags.
 
-python benchmarks/lag.py [SEEDS]     (default 10; each is 20 s of motion capture at 100 Hz, for each lag)
+python benchmarks/lag.py [--seeds 10]
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 
 import numpy as np
@@ -46,7 +47,9 @@ def row(name: str, seeds: int, **settings: float) -> float:
 
 
 def main() -> int:
-    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 10
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=10, help="each is 20 s of motion capture at 100 Hz, for each row")
+    seeds = parser.parse_args().seeds
     print(f"{'us':40}{'rms':>9}{'sigma':>9}{'rms/sig':>9}{'% in 2':>9}{'refused':>9}")
     good = True
     for lag_ms in (0, 10, 20, 30):

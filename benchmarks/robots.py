@@ -1,6 +1,6 @@
 """How well the clocks of two robots are known against each other, from beacons and from the paper's one reset.
 
-    python benchmarks/robots.py [TRIALS]      (default 20 pairs of robots for each row)
+    python benchmarks/robots.py [--seeds 20]
 
 The host broadcasts (sequence, its time), each robot notes (sequence, its own time): crystals within 250 ppm that warm
 up, 300 us of delay on average and 20 % loss on each robot by itself. Offline: the whole log. Online: what has come
@@ -10,6 +10,7 @@ each robot carries out when it has come.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from pathlib import Path
@@ -57,12 +58,12 @@ def reset(pair: list[Robot], at_us: np.ndarray, random: np.random.Generator) -> 
     return away
 
 
-def row(name: str, radio: Radio, trials: int) -> tuple[float, float, float]:
+def row(name: str, radio: Radio, seeds: int) -> tuple[float, float, float]:
     """p95 offline and online, and the lesser of their coverages, printed with the rest."""
     random = np.random.default_rng(1)
     offline, online, resets = [], [], []
     spent = 0.0
-    for seed in range(trials):
+    for seed in range(seeds):
         pair = fleet(radio, seed)
         begin_us, end_us = pair[0].host_us[0], pair[0].host_us[0] + radio.seconds * 1e6
         at_us = np.linspace(begin_us + 2e6, end_us - 3e6, 2000)
@@ -84,19 +85,21 @@ def row(name: str, radio: Radio, trials: int) -> tuple[float, float, float]:
             f"{each:10.1f}{error.max():8.0f}{np.median(bound):8.0f}{inside:8.2f}"
             for each, inside, (error, bound) in zip(p95, covered, results, strict=True)
         )
-        + f"{spent / (trials * ONLINE_POINTS * 2) * 1e3:9.1f}"
+        + f"{spent / (seeds * ONLINE_POINTS * 2) * 1e3:9.1f}"
     )
     return p95[0], p95[1], min(covered)
 
 
 def main() -> int:
-    trials = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=20, help="each is a pair of robots, for each row")
+    seeds = parser.parse_args().seeds
     print(f"{'us, one robot against the other':48}{'one reset':>10}{'offline':>34}{'online':>34}{'':>9}")
     columns = f"{'p95':>10}{'max':>8}{'bound':>8}{'% in':>8}"
     print(f"{'':48}{'p95':>10}{columns}{columns}{'ms each':>9}")
     good = True
     for name, radio in CASES.items():
-        offline, online, covered = row(name, radio, trials)
+        offline, online, covered = row(name, radio, seeds)
         good &= covered >= COVERED
         if radio.hz == 1 and radio.seconds == 1800 and radio.loss < 0.5 and not radio.host_mu_us:
             good &= offline <= OFFLINE_US and online <= ONLINE_US

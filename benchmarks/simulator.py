@@ -80,7 +80,7 @@ def best(rounds: int, seconds: float, settings: dict[str, object]) -> dict[str, 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=100, help="true time of the runs of one robot")
     parser.add_argument("--json", action="store_true")

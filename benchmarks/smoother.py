@@ -1,10 +1,11 @@
 """How good the times are that the host works out afterwards from all messages: against the truth, and how fast.
 
-python benchmarks/smoother.py [SEEDS]     (default 6; each is 300 s of 100 messages a second and 30 frames)
+python benchmarks/smoother.py [--seeds 6]
 """
 
 from __future__ import annotations
 
+import argparse
 import resource
 import sys
 import time
@@ -52,7 +53,9 @@ def row(name: str, link: Link, seeds: range) -> tuple[float, float, float]:
 
 
 def main() -> int:
-    seeds = range(int(sys.argv[1]) if len(sys.argv) > 1 else 6)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=6, help="each is 300 s of 100 messages a second and 30 frames")
+    seeds = range(parser.parse_args().seeds)
     print(f"{'us':34}{'rms':>9}{'median':>9}{'p95':>9}{'max':>9}{'bound':>9}{'% in it':>9}{'refused':>9}")
     good = True
     for mu_us in (50.0, 200.0, 500.0, 2000.0):

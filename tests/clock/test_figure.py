@@ -21,7 +21,7 @@ def texts(picture: bytes) -> list[str]:
 def test_it_is_up_to_date_and_small() -> None:
     flown = flight()
     made = svg(WIDTH, HEIGHT, list(picture(flown)))
-    assert texts(made) == texts(SHOWN.read_bytes()), f"python benchmarks/figure.py {SHOWN.relative_to(ROOT)}"
+    assert texts(made) == texts(SHOWN.read_bytes()), f"python benchmarks/figure.py --plot {SHOWN.relative_to(ROOT)}"
     assert SHOWN.stat().st_size < 60_000
     assert SHOWN.name in (ROOT / "README.md").read_text(encoding="utf-8")
     assert p95(flown["offline"]) < p95(flown["online"]) < p95(flown["paper"]) / 100
