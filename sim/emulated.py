@@ -54,7 +54,14 @@ def emulate(kernel: Any, robot: int, mcu: str, image: images.Image) -> None:
         raise LocalError(f"{image.path} cannot be run: {str(ffi.string(lib.kernel_fault(kernel)), 'ascii')}")
     if result < 0:
         raise LocalError(f"{image.path}: the {mcu} cannot run images here")
-    lib.kernel_set_threads(kernel, os.cpu_count() or 1)
+    lib.kernel_set_threads(kernel, _cores())
+
+
+def _cores() -> int:
+    """That this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def fault(kernel: Any, of: Mapping[tuple[int, str], images.Image]) -> str:

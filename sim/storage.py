@@ -8,7 +8,8 @@ from host.native import ffi, lib
 
 
 class Store(Protocol):
-    """Takes requests of firmware/stm32/storage.h. All its chance comes from its own seed."""
+    """Takes requests of firmware/stm32/storage.h. All its chance comes from its own seed. One that is given to two
+    robots may be called by two threads at a time."""
 
     def request(self, request: bytes, true_ns: int) -> tuple[bytes, int]:
         """The answer, and how long the operation takes in ns."""

@@ -40,7 +40,7 @@ typedef struct {
 /// What ended a run.
 typedef struct {
     bool failed;
-    char text[1024];
+    char text[EMULATOR_REPORT_BYTES];
 } emulator_report_t;
 
 typedef struct emulator emulator_t;

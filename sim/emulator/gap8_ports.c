@@ -48,8 +48,14 @@ static bool channel_read(const gap8_channel_t *channel, uint32_t offset, uint32_
 }
 
 /// Continuous transfers are modelled of one byte.
-static bool may_start(const gap8_channel_t *channel, uint32_t cfg) {
-    return cfg == CHANNEL_ENABLE || (cfg == (CHANNEL_ENABLE | CHANNEL_CONTINUOUS) && channel->size == 1);
+static void start(emulator_t *e, const gap8_channel_t *channel) {
+    const bool again = channel->cfg == (CHANNEL_ENABLE | CHANNEL_CONTINUOUS) && channel->size == 1;
+    if (channel->cfg != CHANNEL_ENABLE && !again) {
+        emulator_fail(e, "its code starts a DMA of %u bytes with 0x%x, which is not modelled", channel->size,
+                      channel->cfg);
+        return;
+    }
+    l2(e, channel->address, channel->size);
 }
 
 // Transfers of bytes, one at a time: the queue of a second one is not modelled.
@@ -67,7 +73,8 @@ static bool channel_write(emulator_t *e, gap8_channel_t *channel, uint32_t offse
         return true;
     case CFG:
         channel->cfg = value;
-        return may_start(channel, value) && l2(e, channel->address, channel->size) != NULL;
+        start(e, channel);
+        return true;
     default:
         return false;
     }

@@ -105,7 +105,8 @@ bool gap8_timer_write(emulator_t *e, uint32_t offset, uint32_t value) {
     switch (offset & ~7U) {
     case CFG:
         if ((value & (INPUT_EVENT | COMPARE_CLEARS | ONE_SHOT | MODE_64_BIT)) != 0) {
-            return false;
+            emulator_fail(e, "its code sets up a timer with 0x%x, which is not modelled", value);
+            return true;
         }
         set(e, timer, (value & CLEAR) != 0 ? 0 : now);
         timer->cfg = value & ~(uint32_t)CLEAR;

@@ -89,7 +89,7 @@ struct emulator {
 /// By mcu_t; NULL if there is no model of it.
 const machine_t *machine_of(int mcu);
 
-/// Ends the run; the CPU's registers are added when it has stopped. Only the first failure of a world is
+/// Ends the run; the CPU's registers are added when it has stopped. Only the first failure of a robot is
 /// kept.
 __attribute__((format(printf, 2, 3))) void emulator_fail(emulator_t *e, const char *format, ...);
 

@@ -165,11 +165,11 @@ int kernel_add_robot(kernel_t *self, const robot_config_t *config);
 /// `api` and `image`, with its bytes, must live as long as the kernel.
 int kernel_emulate(kernel_t *self, int robot, mcu_t mcu, const unicorn_api_t *api, const image_t *image);
 const char *kernel_fault(const kernel_t *self);
-/// The memory of an MCU that runs an image; NULL where it has none, before its first boot, and of native
-/// ones.
 /// Counts the instructions of an MCU that runs an image, from its next boot on; how many there have been.
 int kernel_count_instructions(kernel_t *self, int robot, mcu_t mcu);
 uint64_t kernel_instructions(const kernel_t *self, int robot, mcu_t mcu);
+/// The memory of an MCU that runs an image; NULL where it has none, before its first boot, and of native
+/// ones.
 const uint8_t *kernel_memory(const kernel_t *self, int robot, mcu_t mcu, uint32_t address, size_t size);
 
 /// The camera's pictures, taken in turn: `raw` of width * height bytes each, `jpeg` any size. The arrays are
@@ -188,9 +188,9 @@ typedef int64_t (*storage_function_t)(void *context, int64_t now_ns, const uint8
 int kernel_set_storage(kernel_t *self, int robot, storage_function_t function, void *context);
 
 /// Runs until true time `until_ns` (KERNEL_UNTIL), or until `robot`'s host can read at least `bytes`
-/// (KERNEL_BYTES; robot -1: no such stop). KERNEL_ERR_TIME if until_ns is in the past. Robots run one after
-/// the other; but with TRACE_FULL all by turns, in the order of their events. When an image fails, the others
-/// may be further on, up to until_ns.
+/// (KERNEL_BYTES; robot -1: no such stop). KERNEL_ERR_TIME if until_ns is in the past. Each robot runs in one
+/// go, that robot first; but with TRACE_FULL all by turns, in the order of their events. When another's image
+/// fails, the rest may be further on, up to until_ns.
 int kernel_run(kernel_t *self, int64_t until_ns, int robot, size_t bytes);
 
 /// From now on kernel_run shares the robots among so many threads, at most KERNEL_THREADS_MAX; at first there
@@ -236,8 +236,9 @@ const esp32_t *kernel_esp32(const kernel_t *self, int robot);
 wire_counts_t kernel_wire_counts(const kernel_t *self, int robot, wire_t wire);
 size_t kernel_robot_bytes(const kernel_t *self, int robot); ///< memory that this robot takes
 
-/// Ground truth: the captures completed since the last call, oldest first, at most `count`; bounded at 65536
-/// per kernel, then the oldest go and kernel_truth_lost counts them.
+/// Ground truth: the captures completed since the last call, at most `count`; bounded at 65536 per kernel,
+/// then the oldest go and kernel_truth_lost counts them. Each robot's come oldest first; those of all do,
+/// too, as long as none has 64 or more in one kernel_run, or with TRACE_FULL.
 size_t kernel_read_truth(kernel_t *self, frame_truth_t *out, size_t count);
 uint64_t kernel_truth_lost(const kernel_t *self);
 

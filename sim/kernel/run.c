@@ -44,7 +44,7 @@ static void put_truth(kernel_t *k, const frame_truth_t *truth) {
     k->truth[(k->truth_head + k->truth_fill++) % TRUTH_MAX] = *truth;
 }
 
-/// Only its own: of more captures than are kept for one call, each robot's are in order.
+/// Of one with more captures than are kept for one call: they come before the others'.
 static void make_room(kernel_t *k, robot_t *r) {
     pthread_mutex_lock(&k->truth_lock);
     for (uint32_t i = 0; i < r->captured; i++) {
@@ -114,7 +114,7 @@ static void *run_next_ones(void *argument) {
 static int64_t run_each(kernel_t *k, int64_t end_ns, robot_t *watched, size_t bytes) {
     if (watched != NULL) {
         run_robot(k, watched, end_ns, bytes);
-        end_ns = watched->host_in.fill >= bytes ? watched->now_ns : end_ns;
+        end_ns = watched->host_in.fill >= bytes || !goes_on(watched) ? watched->now_ns : end_ns;
     }
     queue_t queue = {.kernel = k, .but = watched, .end_ns = end_ns};
     pthread_t helpers[KERNEL_THREADS_MAX];

@@ -12,11 +12,16 @@ from backend import needs
 from host.firmware import toolchains
 from host.firmware.build import build
 from host.firmware.elf import opened, read
+from host.native import lib
+from host.protocol.codec import encode_cpx_tcp
 from host.protocol.errors import LocalError, PeerError
+from host.protocol.packets import CpxPacket, Route
+from host.usd.cardimage import CardImage
 from sim import scenario
 from sim.world import World
 
 SMALL: dict[str, Any] = {"camera_width": 64, "camera_height": 48}
+CARDS: dict[str, Any] = {"camera_fps": 0, "usd_config": "full", "usd_size_mb": 64}
 BREAKPOINT = bytes.fromhex("01be")
 
 
@@ -108,6 +113,43 @@ def test_a_fault_ends_the_run_with_registers_pc_and_function(tmp_path: Path) -> 
         assert " (stm32_receive) " in said
         assert all(f" {register}=0x" in said for register in ("lr", "sp", "xpsr", "r0", "r12"))
         assert "(main" in said, "who has called it: without a card, its first answer comes at once"
+
+
+def test_threads_change_nothing() -> None:
+    def seen(threads: int) -> tuple[Any, ...]:
+        with World("hover", backend="emulated", robots=4, trace="hash", uart1_loss=0.1, **CARDS) as world:
+            lib.kernel_set_threads(world.kernel, threads)
+            world.run(1.5)
+            cards = [dict(robot.card.sectors.sectors) for robot in world.robots if robot.card]
+            return world.trace_hash(), cards, [(robot.log, robot.stm32, robot.gap8) for robot in world.robots]
+
+    alone = seen(1)
+    assert all(log["status"] == "on" and log["accepted"] > 500 for log, _, _ in alone[2])
+    assert len({gap8["stamp_rx_received"] for _, _, gap8 in alone[2]}) > 1
+    assert seen(4) == alone
+
+
+@pytest.mark.parametrize("threads", [1, 4])
+def test_an_image_that_fails_costs_no_card(threads: int, tmp_path: Path) -> None:
+    images = {"stm32": broken(tmp_path, "stm32_crtp")}
+    world = World("hover", images=images, robots=4, usd_image=str(tmp_path / "card.img"), **CARDS)
+    lib.kernel_set_threads(world.kernel, threads)
+    ill = world.robots[2]
+    ill.connect()
+    world.run(1)
+    assert {robot.log["status"] for robot in world.robots} == {"on"}
+    ill.write(encode_cpx_tcp(CpxPacket(Route(lib.CPX_STM32, lib.CPX_HOST, lib.CPX_CRTP), b"\xff")))
+    with pytest.raises(PeerError, match=r"^robot 2, stm32, .*breakpoint; .* \(stm32_crtp\) "):
+        world.run_until(3_000_000_000, robot=2, size=1 << 20)
+    failed_ns = world.now_ns
+    assert 1_000_000_000 < failed_ns < 1_100_000_000
+    stamps = [robot.stm32["stamps_sent"] for robot in world.robots]
+    assert max(stamps) - min(stamps) <= 1, "all run no longer than the one that is waited for"
+    with pytest.raises(PeerError, match="robot 2, stm32"):
+        world.close()
+    assert world.closed
+    saved = [CardImage((tmp_path / f"card.{robot}.img").read_bytes()) for robot in range(4)]
+    assert all(len(card.read(card.find("log00")).data) > 10_000 for card in saved)
 
 
 def test_an_image_for_another_mcu_is_refused() -> None:

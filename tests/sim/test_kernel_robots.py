@@ -54,12 +54,12 @@ def test_a_full_trace_is_in_the_order_in_which_runs_end() -> None:
 
 
 def test_a_robot_that_is_waited_for_stops_all() -> None:
-    stopped_ns = []
+    stopped: list[tuple[int, list[int]]] = []
     for trace, threads in (("full", 1), ("hash", 3)):
         with World("hover", robots=3, trace=trace, **SETTINGS) as world:  # type: ignore[arg-type]
             lib.kernel_set_threads(world.kernel, threads)
             world.robots[1].connect()
             assert world.run_until(10_000_000_000, 1, 1)
-            stopped_ns.append((world.now_ns, [lib.kernel_local_ns(world.kernel, robot, 0) for robot in range(3)]))
-    assert stopped_ns[0] == stopped_ns[1]
-    assert 0 < stopped_ns[0][0] < 10_000_000_000
+            stopped.append((world.now_ns, [robot.wires["uart1_to_gap8"]["bytes"] for robot in world.robots]))
+    assert stopped[0] == stopped[1]
+    assert 0 < stopped[0][0] < 10_000_000_000

@@ -80,6 +80,9 @@ static void service(void) {
         }
     }
     service_storage();
+    if (board.wake) { // an answer at once: the idle ports are to be asked again first
+        return;
+    }
     const uint64_t due_us = stm32_deadline(&board_app);
     // One that has passed was served just now: it waits for the next event.
     alarm_set(due_us > board.now.up_us ? due_us : NEVER_US);
