@@ -11,26 +11,26 @@ TYPE_CHECKING = False  # typing takes longer to load than all that is here
 if TYPE_CHECKING:
     from typing import Any
 
-    from .link.records import (
-        LOSS_CAUSES,
-        Announced,
-        Console,
-        Frame,
-        Garbage,
-        LogStatus,
-        LostFrame,
+    from .link.counters import LOSS_CAUSES, SessionCounters
+    from .link.frame import Frame, LostFrame
+    from .link.headers import (
         NanocockpitHeader,
-        NanocockpitStamp,
         NanocockpitState,
         NativeClock,
         NativeEcho,
         NativeHeader,
-        Packet,
         PaperHeader,
-        PaperStamp,
         Pose,
+    )
+    from .link.records import (
+        Announced,
+        Console,
+        Garbage,
+        LogStatus,
+        NanocockpitStamp,
+        Packet,
+        PaperStamp,
         Reply,
-        SessionCounters,
         Stamp,
         State,
         Status,
@@ -41,42 +41,18 @@ if TYPE_CHECKING:
     from .protocol.errors import ConnectionLostError, LocalError, PeerError, PeerSilentError, SpindeckError
     from .protocol.packets import CameraSettings
 
-_HOME = {
-    "open": ("link.stream", "open_stream"),
-    "Stream": ("link.stream", "Stream"),
-    "Session": ("link.session", "Session"),
-    "CameraSettings": ("protocol.packets", "CameraSettings"),
-    **{
-        name: ("protocol.errors", name)
-        for name in ("ConnectionLostError", "LocalError", "PeerError", "PeerSilentError", "SpindeckError")
-    },
-    **{
-        name: ("link.records", name)
-        for name in (
-            "LOSS_CAUSES",
-            "Announced",
-            "Console",
-            "Frame",
-            "Garbage",
-            "LogStatus",
-            "LostFrame",
-            "NanocockpitHeader",
-            "NanocockpitStamp",
-            "NanocockpitState",
-            "NativeClock",
-            "NativeEcho",
-            "NativeHeader",
-            "Packet",
-            "PaperHeader",
-            "PaperStamp",
-            "Pose",
-            "Reply",
-            "SessionCounters",
-            "Stamp",
-            "State",
-            "Status",
-        )
-    },
+_NAMES = {
+    "link.stream": "Stream",
+    "link.session": "Session",
+    "link.counters": "LOSS_CAUSES SessionCounters",
+    "link.frame": "Frame LostFrame",
+    "link.headers": "NanocockpitHeader NanocockpitState NativeClock NativeEcho NativeHeader PaperHeader Pose",
+    "link.records": "Announced Console Garbage LogStatus NanocockpitStamp Packet PaperStamp Reply Stamp State Status",
+    "protocol.errors": "ConnectionLostError LocalError PeerError PeerSilentError SpindeckError",
+    "protocol.packets": "CameraSettings",
+}
+_HOME = {name: (module, name) for module, names in _NAMES.items() for name in names.split()} | {
+    "open": ("link.stream", "open_stream")
 }
 
 __all__ = [

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from host.link.records import Event, Frame, SessionCounters
+from host.link.counters import SessionCounters
+from host.link.frame import Frame
+from host.link.records import Event
 from host.link.session import Session
 
 from .robot import Robot

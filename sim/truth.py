@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from host.link.records import Frame
+from host.link.frame import Frame
 
 if TYPE_CHECKING:
     from .world import World

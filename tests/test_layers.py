@@ -43,6 +43,9 @@ RULES: list[tuple[str, set[str], set[str]]] = [
         "host.link",
         {
             "host.link.records",
+            "host.link.frame",
+            "host.link.headers",
+            "host.link.counters",
             "host.link.assemble",
             "host.link.dialects",
             "host.link.expected",
@@ -68,7 +71,12 @@ RULES: list[tuple[str, set[str], set[str]]] = [
     ("host", {"host.link", "host.protocol"}, set()),
     ("sim.images", {"sim", "host.native", "host.protocol", "host.firmware"}, IO | {"random"}),
     ("sim.serial", {"sim", "host.native", "host.protocol", "host.link.access"}, set()),
-    ("sim", {"sim", "host.native", "host.protocol", "host.link.session", "host.link.records"}, IO | {"random"}),
+    (
+        "sim",
+        {"sim", "host.native", "host.protocol", "host.link.session"}
+        | {"host.link.records", "host.link.frame", "host.link.counters"},
+        IO | {"random"},
+    ),
 ]
 
 

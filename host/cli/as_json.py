@@ -6,7 +6,8 @@ import dataclasses
 import json
 from typing import TYPE_CHECKING, Any
 
-from ..link.records import Event, Frame, LostFrame, State
+from ..link.frame import Frame, LostFrame
+from ..link.records import Event, State
 from ..link.state import describe
 
 if TYPE_CHECKING:

@@ -95,8 +95,8 @@ def run(arguments: argparse.Namespace) -> int:
 def listen(arguments: argparse.Namespace) -> tuple[Listening, bool]:
     """Until the time is over, a recording has ended, or Ctrl-C (True). A connection that ends is made again, if it can
     be."""
+    from ..link.counters import SessionCounters
     from ..link.listening import Listening
-    from ..link.records import SessionCounters
     from .interrupt import Interrupt
 
     first = connect(arguments)

@@ -9,7 +9,7 @@ from ..protocol.errors import LocalError, PeerError
 from .as_json import as_dict, line
 
 if TYPE_CHECKING:
-    from ..link.records import Frame, LostFrame
+    from ..link.frame import Frame, LostFrame
     from .row import Row
 
 

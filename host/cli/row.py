@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ..protocol.errors import LocalError
 
 if TYPE_CHECKING:
-    from ..link.records import Frame
+    from ..link.frame import Frame
 
 NAMED = {"first": 0.0, "middle": 0.5, "last": 1.0}
 """As a part of the picture's height."""

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
-    from ..link.records import Event, Frame, NativeEcho
+    from ..link.frame import Frame
+    from ..link.headers import NativeEcho
+    from ..link.records import Event
     from .row import Row
     from .stream_robot import Robot
 

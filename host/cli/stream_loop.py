@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 
 import host
 
-from ..link.records import Event, Frame, State
+from ..link.frame import Frame
+from ..link.records import Event, State
 from ..protocol.errors import ConnectionLostError, LocalError, PeerSilentError, SpindeckError
 from . import EXIT_INTERRUPTED
 from .interrupt import Interrupt

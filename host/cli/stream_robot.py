@@ -7,10 +7,11 @@ from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from ..link.records import Event, Frame, LogStatus, LostFrame, State
+from ..link.frame import Frame, LostFrame
+from ..link.records import Event, LogStatus, State
 
 if TYPE_CHECKING:
-    from host.link.records import NativeHeader
+    from host.link.headers import NativeHeader
     from host.link.stream import Stream
     from host.link.track import Track
     from sim.truth import Stamped

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..clock.ticks import Floats
-from ..link.records import Frame
+from ..link.frame import Frame
 from ..link.replay_url import to_url
 from ..link.stream import open_stream
 from ..protocol.errors import PeerError

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..clock.frame_ends import Readings
 from ..clock.stamps import WIRE_US
-from ..link.records import PAIR_DTYPE, Frame
+from ..link.frame import PAIR_DTYPE, Frame
 from .row import Row
 
 NANOCOCKPIT_WIRE_US = 40 * 10 * 365 / 42

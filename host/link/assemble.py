@@ -11,28 +11,10 @@ from numpy.typing import NDArray
 
 from ..native import ffi, lib
 from ..protocol.errors import PeerError
-from .records import (
-    PAIR_DTYPE,
-    Console,
-    Encoding,
-    LogState,
-    LogStatus,
-    NanocockpitHeader,
-    NanocockpitStamp,
-    NanocockpitState,
-    NativeClock,
-    NativeEcho,
-    NativeHeader,
-    Packet,
-    PaperHeader,
-    PaperStamp,
-    Pose,
-    Reply,
-    SessionCounters,
-    Stamp,
-    Status,
-    decode_jpeg,
-)
+from .counters import SessionCounters
+from .frame import PAIR_DTYPE, Encoding, decode_jpeg
+from .headers import NanocockpitHeader, NanocockpitState, NativeClock, NativeEcho, NativeHeader, PaperHeader, Pose
+from .records import Console, LogState, LogStatus, NanocockpitStamp, Packet, PaperStamp, Reply, Stamp, Status
 
 TARGETS = {lib.CPX_STM32: "STM32", lib.CPX_ESP32: "ESP32", lib.CPX_HOST: "host", lib.CPX_GAP8: "GAP8"}
 FUNCTIONS = {

@@ -12,7 +12,9 @@ from dataclasses import dataclass, field
 
 from ..native import lib
 from ..protocol.errors import LocalError
-from .records import Announced, Console, Event, Frame, LostFrame, Packet, Reply, SessionCounters
+from .counters import SessionCounters
+from .frame import Frame, LostFrame
+from .records import Announced, Console, Event, Packet, Reply
 
 ECHO = bytes([lib.TEST_ECHO]) + b"spindeck"
 SSID_BYTES, KEY_BYTES = range(1, 33), range(8, 65)

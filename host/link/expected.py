@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .dialects import Dialect
-from .records import Announced, Frame
+from .frame import Frame
+from .records import Announced
 
 if TYPE_CHECKING:
     from .session import Session

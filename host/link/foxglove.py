@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from .records import PAIR_DTYPE, Frame
+from .frame import PAIR_DTYPE, Frame
 
 PIXELS = {1: "mono8", 3: "rgb8"}
 """By bytes per pixel."""

@@ -9,20 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .records import (
-    PAIR_DTYPE,
-    Announced,
-    Event,
-    Frame,
-    LogStatus,
-    LostFrame,
-    NanocockpitStamp,
-    NativeHeader,
-    PaperStamp,
-    SessionCounters,
-    Stamp,
-    Status,
-)
+from .counters import SessionCounters
+from .frame import PAIR_DTYPE, Frame, LostFrame
+from .headers import NativeHeader
+from .records import Announced, Event, LogStatus, NanocockpitStamp, PaperStamp, Stamp, Status
 
 NS = 1_000_000_000
 RESTART_STAMPS = 50

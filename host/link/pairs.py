@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import assemble
-from .records import PAIR_DTYPE
+from .frame import PAIR_DTYPE
 
 PAIRS_KEPT = 8192
 """At most: 80 s of them."""

@@ -20,10 +20,12 @@ from ..protocol.codec import (
 from ..protocol.errors import LocalError
 from ..protocol.packets import CameraSettings, CpxPacket, Route, StreamRequest
 from . import assemble
+from .counters import LOSS_CAUSES, SessionCounters
 from .dialects import SPOKEN, Asking, Dialect, FrameIds, FrameNumbers
 from .expected import Expected
+from .frame import Frame, LostFrame
 from .pairs import Pairs
-from .records import LOSS_CAUSES, Announced, Event, Frame, Garbage, LostFrame, SessionCounters
+from .records import Announced, Event, Garbage
 
 Framing = Literal["tcp", "cpx-uart", "stamps"]
 

@@ -4,7 +4,8 @@ those of the caller.
 
 from __future__ import annotations
 
-from .records import Condition, Event, Frame, LostFrame, NanocockpitStamp, PaperStamp, Stamp, State
+from .frame import Frame, LostFrame
+from .records import Condition, Event, NanocockpitStamp, PaperStamp, Stamp, State
 from .session import Session
 
 SILENT_NS = 2_000_000_000

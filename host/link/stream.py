@@ -9,10 +9,12 @@ from typing import Protocol
 
 from ..protocol.errors import LocalError, NotThereError, PeerError, PeerSilentError
 from ..protocol.packets import CameraSettings
+from .counters import SessionCounters
 from .dialects import Dialect
 from .expected import GARBAGE_MOST
+from .frame import Frame, LostFrame
 from .ports import ALONE, BAUD, POLL_S, AbsentPort, Port, SocketPort, framing_of, open_port
-from .records import Event, Frame, LostFrame, NanocockpitStamp, PaperStamp, SessionCounters, Stamp, State
+from .records import Event, NanocockpitStamp, PaperStamp, Stamp, State
 from .session import Session
 from .state import Backoff, Watch
 

@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 from . import foxglove
 from .dialects import Dialect
-from .records import Event, Frame, LogStatus, LostFrame, NanocockpitStamp, PaperStamp, Stamp
+from .frame import Frame, LostFrame
+from .records import Event, LogStatus, NanocockpitStamp, PaperStamp, Stamp
 
 Part = Literal["images", "raw"]
 """What can be left out: the images, which are in the raw bytes too, or the raw bytes, without which nothing can be

@@ -6,7 +6,8 @@ import pytest
 import host
 from host.cli.show import clock_line, status_line, status_lines, summary_lines
 from host.cli.stream_robot import Robot
-from host.link.records import Console, Frame
+from host.link.frame import Frame
+from host.link.records import Console
 
 
 def frame(index: int, arrival_host_ns: int) -> Frame:

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from host.link.records import Event, Frame, LostFrame
+from host.link.frame import Frame, LostFrame
+from host.link.records import Event
 from host.link.session import Dialect, Framing, Session
 
 GAP8_TO_HOST_APP = bytes([0x63, 0x05])

@@ -14,7 +14,8 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import host
 from host.link import recording
-from host.link.records import Frame, Stamp
+from host.link.frame import Frame
+from host.link.records import Stamp
 
 
 class Tee:

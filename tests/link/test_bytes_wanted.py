@@ -18,7 +18,7 @@ from made_streams import (
     stock,
 )
 
-from host.link.records import Frame
+from host.link.frame import Frame
 from host.link.session import Dialect, Session
 
 BODY = pixels(60, 50, 1)

@@ -27,7 +27,7 @@ from made_streams import (
 import host
 from host.cli import main
 from host.link.dialects import Dialect
-from host.link.records import Frame
+from host.link.frame import Frame
 from host.link.session import Session
 from host.protocol.errors import PeerError, PeerSilentError
 

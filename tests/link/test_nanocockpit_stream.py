@@ -19,7 +19,8 @@ from made_streams import (
     stock,
 )
 
-from host.link.records import Console, Event, Frame, Garbage, LostFrame, Packet
+from host.link.frame import Frame, LostFrame
+from host.link.records import Console, Event, Garbage, Packet
 from host.link.session import Session
 from host.protocol.errors import LocalError
 from host.protocol.packets import CameraSettings

@@ -24,8 +24,9 @@ from made_streams import (
 )
 
 from host.link.dialects import ASKS_MAX, REPEAT_NS
+from host.link.frame import PAIR_DTYPE, Frame, LostFrame
 from host.link.pairs import PAIRS_KEPT
-from host.link.records import PAIR_DTYPE, Frame, LogStatus, LostFrame, Packet, Reply, Status
+from host.link.records import LogStatus, Packet, Reply, Status
 from host.link.session import SEND_PACKETS, Session
 from host.protocol.errors import LocalError
 from host.protocol.packets import CameraSettings

@@ -22,7 +22,9 @@ from made_streams import (
     uart_pieces,
 )
 
-from host.link.records import Frame, Garbage, NanocockpitStamp, PaperStamp, Pose, Stamp
+from host.link.frame import Frame
+from host.link.headers import Pose
+from host.link.records import Garbage, NanocockpitStamp, PaperStamp, Stamp
 from host.link.session import Session
 from host.protocol.errors import LocalError
 from host.protocol.packets import CameraSettings

@@ -15,7 +15,8 @@ from recordings import FakePort, Tee, in_complete_chunks, read, record, summary
 
 from host.link import recording
 from host.link.foxglove import PROTOBUF_SCHEMAS, image
-from host.link.records import Frame, LostFrame, Stamp
+from host.link.frame import Frame, LostFrame
+from host.link.records import Stamp
 from host.protocol.errors import LocalError
 
 

@@ -18,8 +18,8 @@ from recordings import in_complete_chunks, read, record, summary
 
 from host.cli import main
 from host.link import recording
+from host.link.frame import Frame
 from host.link.mcap import MAGIC, encode_header
-from host.link.records import Frame
 from host.link.recover import recover
 from host.protocol.errors import LocalError
 

@@ -11,7 +11,8 @@ import host
 from host.cli import main
 from host.link import recording
 from host.link import stream as stream_module
-from host.link.records import Event, Frame, LostFrame, State
+from host.link.frame import Frame, LostFrame
+from host.link.records import Event, State
 from host.link.replay import Recording
 from host.link.replay_url import to_url
 from host.link.serial.protocol_replay import Serial

@@ -18,7 +18,8 @@ from made_streams import (
     stock,
 )
 
-from host.link.records import Announced, Console, Frame, Garbage, LostFrame, Packet, Reply, decode_jpeg
+from host.link.frame import Frame, LostFrame, decode_jpeg
+from host.link.records import Announced, Console, Garbage, Packet, Reply
 from host.link.session import Session
 from host.protocol.errors import LocalError, PeerError
 

@@ -7,7 +7,8 @@ import struct
 from made_streams import GAP8_TO_HOST_CONSOLE, bodies, causes, comparable, native, pixels, received, stock, uart
 from made_streams import uart_pieces as pieces
 
-from host.link.records import Console, Frame, Garbage, Stamp
+from host.link.frame import Frame
+from host.link.records import Console, Garbage, Stamp
 from host.link.session import Session
 from host.protocol.packets import CameraSettings
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wire_formats import BY_NAME, any_values, new_packet
 
-from host.link.records import NanocockpitState
+from host.link.headers import NanocockpitState
 from host.native import ffi, lib
 from host.protocol.spec import beacon, cpx, cpx_link, nanocockpit, native, paper, stamp, tables
 from host.protocol.spec.values import Value

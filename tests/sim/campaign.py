@@ -8,7 +8,7 @@ from collections import Counter
 
 from faults import Faults
 
-from host.link.records import Frame, LostFrame
+from host.link.frame import Frame, LostFrame
 from host.link.session import Session
 from host.native import lib
 from sim.world import World

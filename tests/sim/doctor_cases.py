@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from host.link.counters import SessionCounters
 from host.link.listening import Listening
-from host.link.records import SessionCounters
 from host.link.session import Session
 from sim.robot import Robot
 from sim.world import World

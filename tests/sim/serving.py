@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from host.link.records import Frame
+from host.link.frame import Frame
 from host.link.session import Session
 from sim import scenario
 from sim.robot import Robot

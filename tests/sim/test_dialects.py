@@ -6,7 +6,8 @@ import itertools
 import numpy as np
 import pytest
 
-from host.link.records import Announced, Frame, NanocockpitStamp, PaperStamp
+from host.link.frame import Frame
+from host.link.records import Announced, NanocockpitStamp, PaperStamp
 from sim.truth import PAPER_PERIOD_NS, TRUTH_DTYPE, Stamped, errors_us
 from sim.world import World
 

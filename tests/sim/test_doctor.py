@@ -5,9 +5,9 @@ same with more seeds and a whole minute.
 import pytest
 from doctor_cases import CLEAN, FAULTS, SLOW, VARIETY, Case, listen
 
+from host.link.counters import SessionCounters
 from host.link.diagnosis import diagnose
 from host.link.listening import Listening
-from host.link.records import SessionCounters
 
 SMALL = {"camera_width": 160, "camera_height": 120}
 SECONDS = 20

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from host.link.records import NativeEcho
+from host.link.headers import NativeEcho
 from sim.receiver import Receiver
 from sim.world import World
 

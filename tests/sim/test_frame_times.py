@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from host.link.records import Frame
+from host.link.frame import Frame
 from host.protocol.packets import CameraSettings
 from sim.receiver import Receiver
 from sim.truth import errors_us, stamped

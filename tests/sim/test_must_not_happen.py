@@ -10,7 +10,8 @@ import threading
 import pytest
 
 import host
-from host.link.records import Console, Frame, Garbage, LostFrame, Packet
+from host.link.frame import Frame, LostFrame
+from host.link.records import Console, Garbage, Packet
 from host.native import lib
 
 BRIDGE_ON = bytes.fromhex("04 00 19 01 21 01")

@@ -8,7 +8,7 @@ import struct
 
 import pytest
 
-from host.link.records import Frame
+from host.link.frame import Frame
 from host.link.session import Session
 from host.native import lib
 from sim.world import World

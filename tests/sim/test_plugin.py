@@ -125,11 +125,11 @@ def test_with_ours_imported_first(tmp_path):
         {
             "test_ours.py": """
                 import sys
-                import host.link.records
+                import host.link.frame
 
                 def test_robot(spindeck_robot):
                     frame = spindeck_robot().run(2)[0]
-                    assert isinstance(frame, host.link.records.Frame)
+                    assert isinstance(frame, host.link.frame.Frame)
                     assert "sim" not in sys.modules
 
                 def test_sim_too(spindeck_world):

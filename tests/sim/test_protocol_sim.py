@@ -9,7 +9,8 @@ import pytest
 import serial
 
 import host
-from host.link.records import Frame, Stamp
+from host.link.frame import Frame
+from host.link.records import Stamp
 from host.link.session import Session
 from host.protocol.errors import LocalError
 from sim import scenario

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from serving import connected, replayed, served
 
-from host.link.records import Frame
+from host.link.frame import Frame
 from host.link.session import Session
 
 CLIENT = Path(__file__).with_name("cflib_client.py")

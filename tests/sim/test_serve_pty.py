@@ -8,7 +8,8 @@ import serial
 from serving import replayed, served, whats
 
 import host
-from host.link.records import Frame, Stamp
+from host.link.frame import Frame
+from host.link.records import Stamp
 from host.native import lib
 from sim.serial.doors import PtyDoor, hung_up
 
