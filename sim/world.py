@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -22,6 +21,8 @@ from host.native import ffi, lib
 from host.protocol.errors import LocalError, PeerError
 
 from . import camera, configure, emulated, scenario
+from .albums import Albums
+from .captures import Captures
 from .images import Image
 from .journal import Journal, Record
 from .possible import check_robot
@@ -32,26 +33,17 @@ from .robot import Robot
 from .settings import RobotSettings
 from .storage import Storage
 from .trace import Run, take
-from .truth import TRUTH_DTYPE
 
 NS = 1_000_000_000
 SLICE_NS = NS // 10
 """The kernel is called for at most this much, so that Ctrl-C and other threads get their turn."""
 LISTEN_NS = NS // 200
 """Receivers read this often."""
-TRUTH_MAX = 1 << 20
-"""Captures remembered; the oldest go first."""
-TRUTH_BATCH = 4096
 END = 1 << 62
 """Of a log: after everything else."""
 
 Trace = Literal["off", "hash", "full"]
 TRACES = {"off": lib.TRACE_OFF, "hash": lib.TRACE_HASH, "full": lib.TRACE_FULL}
-
-
-@functools.lru_cache(maxsize=4)
-def _scene(width: int, height: int, seed: int, quality: int) -> camera.Pictures:
-    return camera.scene(width, height, seed, quality)
 
 
 class Kernel:
@@ -97,13 +89,10 @@ class World:
         self.scenario = source
         self.trace = trace
         self.lock = nullcontext() if lock is None else lock
-        self.truth_lost = 0
-        """Captures that `truth` has forgotten."""
-        self._truth: deque[NDArray[np.void]] = deque()
-        self._truth_next_ns = 0
-        self._pictures: dict[tuple[str | int, ...], tuple[camera.Pictures, list[Any]]] = {}
-        self._buffers: list[Any] = []
-        self._shown: dict[int, camera.Pictures] = {}
+        self._captures = Captures()
+        self._albums = Albums(source.seed)
+        self.pictures: dict[int, camera.Pictures] = {}
+        """What each robot's camera shows, of those that have one."""
         self._given = dict(images or {})
         self._images: dict[tuple[int, str], Image] = {}
         """What is emulated, by robot and MCU; the kernel keeps their addresses."""
@@ -120,7 +109,7 @@ class World:
         self._closed_log: list[Record] | None = None
 
     def _add(self, index: int, settings: RobotSettings) -> Robot:
-        pictures, views = self._load_pictures(settings) if settings.camera.fps else (None, [])
+        pictures, views = self._albums.of(settings) if settings.camera.fps else (None, [])
         if pictures is not None:
             own = dataclasses.replace(settings.camera, width=pictures.width, height=pictures.height)
             settings = dataclasses.replace(settings, camera=own)
@@ -131,7 +120,7 @@ class World:
         if result != index:
             raise LocalError(f"robot {index}: the simulator refuses this scenario: {settings}")
         if pictures is not None:
-            self._shown[index] = pictures
+            self.pictures[index] = pictures
             result = lib.kernel_set_images(self.kernel, index, *views, len(pictures.raw))
             if result < 0:
                 raise MemoryError
@@ -143,25 +132,6 @@ class World:
         if settings.usd.config:
             robot.put_card(configure.card_seed(self.scenario.seed, index), len(self.scenario.robots))
         return robot
-
-    def _load_pictures(self, settings: RobotSettings) -> tuple[camera.Pictures, list[Any]]:
-        """With the arrays of views that the kernel copies; robots with the same pictures share them."""
-        own = settings.camera
-        key: tuple[str | int, ...]
-        key = (settings.camera_path, own.quality) if settings.camera_path else (own.width, own.height, own.quality)
-        if key not in self._pictures:
-            if settings.camera_path:
-                pictures = camera.load(settings.camera_path, own.quality)
-            else:
-                pictures = _scene(own.width, own.height, self.scenario.seed, own.quality)
-            views = []
-            for bodies in (pictures.raw, pictures.jpeg):
-                buffers = [ffi.from_buffer("uint8_t[]", body) for body in bodies]
-                # The kernel keeps their addresses: they must live as long as it.
-                self._buffers += buffers
-                views.append(ffi.new("bytes_t[]", [{"data": each, "size": len(each)} for each in buffers]))
-            self._pictures[key] = (pictures, views)
-        return self._pictures[key]
 
     @property
     def kernel(self) -> Any:
@@ -213,48 +183,29 @@ class World:
                 stop_ns = min(true_ns, now_ns + SLICE_NS, self.radio.next_ns)
                 bytes_first = self._kernel_run(stop_ns, robot, size)
                 self.radio.deliver(self, self.now_ns)
-                self._keep_truth()
+                self._captures.take(self.kernel)
             if bytes_first:
                 return True
             if stop_ns >= true_ns:
                 return False
-
-    def _keep_truth(self, now: bool = False) -> None:
-        """Takes the captures out of the kernel, which remembers few, about once a second."""
-        if not now and lib.kernel_now_ns(self.kernel) < self._truth_next_ns:
-            return
-        self._truth_next_ns = lib.kernel_now_ns(self.kernel) + NS
-        while True:
-            batch = np.empty(TRUTH_BATCH, TRUTH_DTYPE)
-            count = lib.kernel_read_truth(
-                self.kernel, ffi.from_buffer("frame_truth_t[]", batch, require_writable=True), len(batch)
-            )
-            if count:
-                self._truth.append(batch[:count].copy())
-            if count < len(batch):
-                break
-        excess = sum(map(len, self._truth)) - TRUTH_MAX
-        while excess > 0:
-            oldest = self._truth.popleft()
-            if len(oldest) > excess:
-                self._truth.appendleft(oldest[excess:])
-            self.truth_lost += min(excess, len(oldest))
-            excess -= len(oldest)
 
     @property
     def truth(self) -> NDArray[np.void]:
         """Every completed capture of every robot, dtype TRUTH_DTYPE, oldest first, at most TRUTH_MAX."""
         with self.lock:
             if not self.closed:
-                self._keep_truth(now=True)
-            whole = np.concatenate([np.empty(0, TRUTH_DTYPE), *self._truth])
-            self._truth = deque([whole])
-            return whole
+                self._captures.take(self.kernel, now=True)
+            return self._captures.all()
+
+    @property
+    def truth_lost(self) -> int:
+        """Captures that `truth` has forgotten."""
+        return self._captures.lost
 
     def picture_numbers(self, robot: int) -> dict[int, list[int]]:
         """CRC-32 of each picture that this robot's camera shows, raw and JPEG, and its numbers in the truth."""
-        shown = self._shown.get(robot)
-        return {} if shown is None else shown.numbers
+        own = self.pictures.get(robot)
+        return {} if own is None else own.numbers
 
     def trace_hash(self) -> int:
         """Of all that every sender of every robot has sent; equal runs have equal hashes."""
@@ -362,11 +313,10 @@ class World:
             try:
                 self.land()
             finally:
-                self._keep_truth(now=True)
+                self._captures.take(self.kernel, now=True)
                 self._closed_log = None if self._journal is None else self.log
                 self._kernel.free()
-                self._pictures.clear()
-                self._buffers.clear()
+                self._albums.close()
 
     def __enter__(self) -> World:
         return self

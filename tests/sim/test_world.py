@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from host.protocol.errors import LocalError
-from sim import configure, scenario
-from sim import world as world_module
+from sim import captures, configure, scenario
 from sim.truth import TRUTH_DTYPE, Stamped, errors_us
 from sim.world import World
 
@@ -123,7 +122,7 @@ def test_frames_are_the_pictures_that_the_camera_took():
         robot = world.listen()
         robot.run(3)
         truth = {int(each["frame"]): int(each["image"]) for each in robot.truth}
-        pictures = world._load_pictures(robot.settings)[0].raw
+        pictures = world.pictures[0].raw
         assert len(robot.frames) > 15
         for frame in robot.frames:
             assert frame.body.tobytes() == pictures[truth[frame.native.frame]]
@@ -281,7 +280,7 @@ def test_an_empty_list_of_robots_truth_is_typed():
 
 
 def test_truth_forgets_the_oldest_alone(monkeypatch):
-    monkeypatch.setattr(world_module, "TRUTH_MAX", 20)
+    monkeypatch.setattr(captures, "TRUTH_MAX", 20)
     with World("hover") as world:
         world.robots[0].connect()
         world.run(2.5)
