@@ -12,18 +12,20 @@ from ..protocol.errors import LocalError
 
 
 @contextmanager
-def new_file(path: str | Path, force: bool) -> Iterator[IO[bytes]]:
-    """Under another name until it is complete. LocalError if it exists (without force) or cannot be written."""
+def new_file(path: str | Path, force: bool | None = None) -> Iterator[IO[bytes]]:
+    """Under another name until it is complete. LocalError if it exists (without force) or cannot be written. `force`:
+    None if the command has no such option: what it keeps cannot be made again."""
     target = Path(path)
+    way_out = "name another file" if force is None else "use --force"
     part = target.with_name(f"{target.name}.part")
     try:
         if target.exists() and not force:
-            raise LocalError(f"{target}: exists, and is not overwritten without --force")
+            raise LocalError(f"{target}: exists, and is not overwritten: {way_out}")
         if target.exists() and not target.is_file():  # a device would be gone
             raise LocalError(f"{target}: a folder, a pipe or a device: name a file")
         file = part.open("w+b" if force else "x+b")
     except FileExistsError as error:
-        raise LocalError(f"{part}: exists, left by a command that was stopped: remove it, or use --force") from error
+        raise LocalError(f"{part}: exists, left by a command that was stopped: remove it, or {way_out}") from error
     except OSError as error:
         raise LocalError(f"{target}: {os.strerror(error.errno or 0)}") from error
     try:

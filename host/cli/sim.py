@@ -71,13 +71,16 @@ def run(arguments: argparse.Namespace) -> int:
     from sim.serial import registry
     from sim.serial.serve import Server
 
+    from .new_file import new_file
+
     made = scenario(arguments)
     output = JsonOutput() if arguments.json else Output()
     with contextlib.ExitStack() as open_things:
-        log = open_things.enter_context(new_file(arguments.log)) if arguments.log else None
         doors = open_doors(arguments, len(made.robots), open_things)
-        server = Server(made, doors, keep_log=log is not None, report=output.happened)
+        server = Server(made, doors, keep_log=arguments.log is not None, report=output.happened)
         open_things.callback(server.close)
+        # Complete before the server closes: that may fail too.
+        log = open_things.enter_context(new_file(arguments.log)) if arguments.log else None
         robots = [
             {
                 "port": station.door.url,
@@ -98,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             output.summary(server)
             if log is not None:
-                json.dump(server.world.log, log)
+                log.write(json.dumps(server.world.log).encode())
     return 0
 
 
@@ -148,16 +151,6 @@ def announcement(arguments: argparse.Namespace, name: str, doors: list[Any]) -> 
     from sim.serial.announce import announced
 
     return announced(name, doors)
-
-
-def new_file(path: str) -> Any:
-    """Nothing is ever overwritten."""
-    try:
-        return open(path, "x", encoding="utf-8")  # noqa: PTH123 - the caller closes it
-    except FileExistsError as error:
-        raise LocalError(f"--log {path}: exists, and nothing is ever overwritten: name another file") from error
-    except OSError as error:
-        raise LocalError(f"--log {path}: {error.strerror}") from error
 
 
 def figures(server: Server) -> dict[str, Any]:

@@ -117,7 +117,7 @@ def all_new(files: dict[Path, Table], force: bool) -> None:
     """Before the first is written."""
     there = [str(path) for path in files if path.exists()]
     if there and not force:
-        raise LocalError(f"{', '.join(there)}: exists, and is not overwritten without --force")
+        raise LocalError(f"{', '.join(there)}: exists, and is not overwritten: use --force")
 
 
 def write_npz(tables: dict[str, Table], path: Path, force: bool) -> Written:

@@ -63,7 +63,15 @@ def test_served_listed_streamed_and_ended_with_ctrl_c(runtime):
     assert not list((runtime / "spindeck").iterdir()), "its file has gone with it"
     with World.replay(json.loads(log.read_text())) as again:
         assert again.robots[0].esp32["frames_forwarded"] >= 4
-    assert host("sim", "serve", "--log", str(log)).returncode == 2
+    again = host("sim", "serve", "--listen", "127.0.0.1:0", "--log", str(log))
+    assert (again.returncode, again.stderr) == (2, f"host: {log}: exists, and is not overwritten: name another file\n")
+
+
+def test_a_server_that_never_was_leaves_no_log(runtime):
+    for _ in range(2):
+        result = host("sim", "serve", "--listen", "192.0.2.1:5000", "--log", str(runtime / "run.json"))
+        assert "no address of this computer" in result.stderr
+    assert not list(runtime.glob("run.json*"))
 
 
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
@@ -113,7 +121,7 @@ def test_a_serial_port(runtime):
         (["--dialect", "nonsense"], "native"),
         (["--scenario", "hoover"], "hover"),
         (["--camera", "/no/such/folder"], "/no/such/folder"),
-        (["--log", "/no/such/folder/log"], "--log"),
+        (["--log", "/no/such/folder/log"], "/no/such/folder/log: No such file"),
     ],
 )
 def test_wrong_input_is_told_in_one_line(words, says, runtime):
