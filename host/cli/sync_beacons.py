@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +15,8 @@ from ..protocol.errors import PeerError
 from ..usd.log import Log
 from . import sync_resets
 from .as_json import line
+from .sync_plot import Draw
 from .sync_robots_plot import by_beacons
-
-if TYPE_CHECKING:
-    from .sync_robots import Draw
 
 EVENT = "beacon"
 VALUES = ("sequence", "hostUs", "hostUsHigh")

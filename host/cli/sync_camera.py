@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -32,14 +31,11 @@ LEFT_IN = "the lag of the gyro's filters, if it has any"
 def run(arguments: argparse.Namespace) -> int:
     """4 if the offset is refused."""
     from ..link.replay import Recording
-    from .new_file import new_file
-    from .sync_camera_plot import HEIGHT, WIDTH, picture
-    from .usd_plot import picture_writer
+    from .sync_camera_plot import shapes
+    from .sync_plot import new_picture
 
     check(arguments)
-    with ExitStack() as outputs:
-        write_picture = picture_writer(arguments.plot) if arguments.plot else None
-        drawing = outputs.enter_context(new_file(arguments.plot, arguments.force)) if arguments.plot else None
+    with new_picture(arguments.plot, arguments.force) as draw:
         recording = Recording(arguments.file)
         robot = recording.source(arguments.robot).number
         several = len(recording.sources) > 1 and arguments.robot is None
@@ -77,8 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
             raise PeerError(f"{arguments.file} and {arguments.log}: {found.reason}: {found.detail}")
         record |= estimates(film, found)
         print(line(record) if arguments.json else "\n".join(lines(record)))
-        if drawing and write_picture:
-            drawing.write(write_picture(WIDTH, HEIGHT, picture(found, film.stm32_per_s)))
+        if draw:
+            draw(shapes(found, film.stm32_per_s), 3)
     return 0
 
 

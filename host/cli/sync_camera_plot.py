@@ -10,25 +10,20 @@ from ..clock.camera import Aligned
 from ..clock.camera_model import MIDDLE
 from ..clock.ticks import Floats
 from ..usd.drawing import Line, Shape, Words
-from .sync_plot import BLUE, GREEN, LEFT, PANEL, RED, RIGHT, SPACE, TOP, across, panel, scale
+from .sync_plot import BLUE, GREEN, LEFT, PANEL, RED, RIGHT, SPACE, TOP, WIDTH, across, panel, scale
 
-WIDTH, HEIGHT = 1200, 770
 OUTLIER_PX = 5.0
 
 
-def picture(found: Aligned, stm32_per_s: float) -> list[Shape]:
-    """`stm32_per_s`: the offset is told on the stamps' clock, as in the table."""
-    return list(shapes(found, stm32_per_s))
-
-
 def shapes(found: Aligned, stm32_per_s: float) -> Iterator[Shape]:
+    """`stm32_per_s`: the offset is told on the stamps' clock, as in the table."""
     offset_ms, sigma_ms = (each[MIDDLE] * 1e3 * stm32_per_s for each in (found.fitted.theta, found.fitted.sigma))
     title = f"offset {offset_ms:+.3f} ± {sigma_ms:.3f} ms (one sigma)"
     yield Words(LEFT, 28, title, 16, bold=True)
     known = np.isfinite(found.first.explained_at)
     offsets_ms = found.first.offsets_s[known] * 1e3
     yield from panel(
-        0, "part of the tiles' motion that goes with the gyro, by offset", across(offsets_ms, offsets_ms),
+        0, "part of the tiles' motion that goes with the gyro, by offset", across(offsets_ms),
         np.maximum(found.first.explained_at[known], 0), BLUE, (0.0, 1.0),
     )  # fmt: skip
     at = float(across(np.array([found.first.middle_s * 1e3]), offsets_ms)[0])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,15 +41,12 @@ class Source:
 
 def run(arguments: argparse.Namespace) -> int:
     """4 if the shift is refused."""
-    from .new_file import new_file
-    from .sync_gyro_plot import HEIGHT, WIDTH, picture
-    from .usd_plot import picture_writer
+    from .sync_gyro_plot import shapes
+    from .sync_plot import new_picture
 
     if arguments.first == arguments.second:
         raise LocalError(f"{arguments.first}: given twice: give the logs of two robots")
-    with ExitStack() as outputs:
-        write_picture = picture_writer(arguments.plot) if arguments.plot else None
-        drawing = outputs.enter_context(new_file(arguments.plot, arguments.force)) if arguments.plot else None
+    with new_picture(arguments.plot, arguments.force) as draw:
         files = [arguments.first, arguments.second]
         logs = [load(name, examined=False)[0] for name in files]
         first, second = (
@@ -68,8 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
             print(line(as_record(first, second, found, paper)))
         else:
             print("\n".join(lines(first, second, found, paper)))
-        if drawing and write_picture:
-            drawing.write(write_picture(WIDTH, HEIGHT, picture(found, first.label, second.label)))
+        if draw:
+            draw(shapes(found, first.label, second.label), 3)
     return 0
 
 

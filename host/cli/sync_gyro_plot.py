@@ -8,20 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from ..clock.gyro import Shift
-from ..usd.drawing import Dots, Line, Shape, Words
-from ..usd.plot import decimal, nice_step
-from .sync_plot import BLUE, GREY, LEFT, PANEL, RED, RIGHT, SPACE, TOP, panel
+from ..usd.drawing import Dots, Shape, Words
+from .sync_plot import BLUE, LEFT, RED, across, panel, scale
 
-WIDTH, HEIGHT = 1200, 760
 AROUND_US = 60e3
 """Shown about the event that tells most."""
 PLACES = 600
 EVERY = 6
 """Of the places, for the gyro that is laid over the other."""
-
-
-def picture(found: Shift, first: str, second: str) -> list[Shape]:
-    return list(shapes(found, first, second))
 
 
 def shapes(found: Shift, first: str, second: str) -> Iterator[Shape]:
@@ -35,16 +29,16 @@ def shapes(found: Shift, first: str, second: str) -> Iterator[Shape]:
     own, other = found.first.at(at_us), found.gain * found.second.at(found.at(at_us)) + found.bias_dps
     known = np.isfinite(own) & np.isfinite(other)
     at_us, own, other = at_us[known], own[known], other[known]
-    x = across(at_us)
+    since_ms = (at_us - best.at_us) * 1e-3
+    x = across(since_ms)
     limits = float(min(own.min(), other.min())), float(max(own.max(), other.max()))
     yield from panel(
         0, f"about the board's axis, deg/s: {first}, and {second} laid over it (red)", x, own, BLUE, limits
     )
     yield from dots(panel(0, "", x[::EVERY], other[::EVERY], RED, limits), 3.5)
     yield from panel(1, "what is left, deg/s", x, own - other, BLUE)
-    bottom = TOP + 2 * (PANEL + SPACE) - SPACE
-    yield from axis(at_us[0], at_us[-1], bottom, best.at_us, 1e-3, f"ms about {best.at_us * 1e-6:.3f} s")
-    times = np.array([each.at_us for each in events])
+    yield from scale(1, since_ms, f"ms about {best.at_us * 1e-6:.3f} s")
+    times = np.array([each.at_us for each in events]) * 1e-6
     weight = np.array([each.weight for each in events])
     away = np.array([each.shift_us for each in events])
     telling = weight > 0.1 / len(events)
@@ -52,25 +46,9 @@ def shapes(found: Shift, first: str, second: str) -> Iterator[Shape]:
     own_shift = list(panel(2, "each event's own shift, less the line through all, us", across(times), away, BLUE))
     yield from (each for each in own_shift if not isinstance(each, Dots))
     yield from dots(own_shift, 6)
-    yield from axis(times.min(), times.max(), TOP + 3 * (PANEL + SPACE) - SPACE, 0.0, 1e-6, "s of the first clock")
+    yield from scale(2, times, "s of the first clock")
 
 
 def dots(drawn: Iterable[Shape], size: float) -> Iterator[Shape]:
     """Those of a panel, of that size."""
     return (replace(each, size=size) for each in drawn if isinstance(each, Dots))
-
-
-def across(at: np.ndarray) -> np.ndarray:
-    span = max(float(np.ptp(at)), 1e-9)
-    return np.asarray(LEFT + (at - at.min()) * ((WIDTH - LEFT - RIGHT) / span))
-
-
-def axis(low: float, high: float, bottom: float, zero: float, scale: float, says: str) -> Iterator[Shape]:
-    """Times below a panel."""
-    begin, end = (low - zero) * scale, (high - zero) * scale
-    step = nice_step(max(end - begin, 1e-9) / 10)
-    for k in range(int(np.ceil(begin / step)), int(np.floor(end / step)) + 1):
-        place = LEFT + (k * step - begin) * (WIDTH - LEFT - RIGHT) / max(end - begin, 1e-9)
-        yield Line([(place, bottom), (place, bottom + 4)], GREY)
-        yield Words(place, bottom + 17, decimal(k * step, step), 11, "middle", GREY)
-    yield Words(WIDTH - RIGHT, bottom + 32, says, 11, "end", GREY)

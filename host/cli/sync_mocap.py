@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -25,13 +24,10 @@ SOURCES = ("estPose", "stateEstimate", "stateEstimateZ")
 
 def run(arguments: argparse.Namespace) -> int:
     """4 if nothing is known of any."""
-    from .new_file import new_file
-    from .sync_mocap_plot import HEIGHT, WIDTH, picture
-    from .usd_plot import picture_writer
+    from .sync_mocap_plot import shapes
+    from .sync_plot import new_picture
 
-    with ExitStack() as outputs:
-        write_picture = picture_writer(arguments.plot) if arguments.plot else None
-        drawing = outputs.enter_context(new_file(arguments.plot, arguments.force)) if arguments.plot else None
+    with new_picture(arguments.plot, arguments.force) as draw:
         log, _ = load(arguments.file, examined=False)
         gyro = source_of(arguments.file, arguments.file, log)
         tracks = tracks_of(arguments.file, log, arguments.source)
@@ -45,8 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
         known = {name: each for name, each in found.items() if isinstance(each, Lag)}
         if not known:
             raise PeerError(f"{arguments.file}: no lag is known: {'; '.join(why(each) for each in found.values())}")
-        if drawing and write_picture:
-            drawing.write(write_picture(WIDTH, HEIGHT, picture(known)))
+        if draw:
+            draw(shapes(known), 3)
     return 0
 
 

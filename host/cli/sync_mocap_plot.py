@@ -8,19 +8,14 @@ import numpy as np
 
 from ..clock.lag import Lag
 from ..usd.drawing import Shape, Words
-from .sync_gyro_plot import across, axis
-from .sync_plot import BLUE, GREEN, LEFT, PANEL, SPACE, TOP, panel
+from .sync_plot import BLUE, GREEN, LEFT, across, panel, scale
 
-WIDTH, HEIGHT = 1200, 760
 SHOWN = 2
 """Sources that fit the page: motion capture, and the first estimate."""
 
 
-def picture(found: dict[str, Lag]) -> list[Shape]:
-    return list(shapes(dict(list(found.items())[:SHOWN])))
-
-
 def shapes(found: dict[str, Lag]) -> Iterator[Shape]:
+    found = dict(list(found.items())[:SHOWN])
     said = "; ".join(
         f"{name} {each.behind_motion_us / 1000:+.2f} ± {each.sigma_us / 1000:.2f} ms" for name, each in found.items()
     )
@@ -32,5 +27,4 @@ def shapes(found: dict[str, Lag]) -> Iterator[Shape]:
         left = np.sqrt((each.left_deg**2).sum(axis=1))
         limits = 0.0, float(np.quantile(left, 0.999))
         yield from panel(place, f"{name}: what is left, deg", across(each.at_us), left, BLUE, limits)
-        bottom = TOP + (place + 1) * (PANEL + SPACE) - SPACE
-        yield from axis(float(each.at_us.min()), float(each.at_us.max()), bottom, 0.0, 1e-6, "s of the log")
+        yield from scale(place, each.at_us * 1e-6, "s of the log")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from itertools import combinations
 from pathlib import Path
@@ -14,19 +14,16 @@ import numpy as np
 
 from ..clock.robots import Heard, Pair, closures, compare
 from ..protocol.errors import LocalError, PeerError
-from ..usd.drawing import Shape
 from ..usd.examine import NEAR, NOMINAL_HZ, Period, best_fit
 from ..usd.log import Log, Rows
 from . import sync_resets
 from .as_json import line
 from .sync_beacons import compare as beacons
 from .sync_beacons import has_beacons
-from .sync_plot import HEIGHT, PANEL, SPACE, WIDTH
+from .sync_plot import Draw, new_picture
 from .sync_robots_plot import by_broadcasts
 from .usd import load
 
-Draw = Callable[[Iterable[Shape], int], object]
-"""Takes a picture and how many panels it has."""
 FLOATS = "fd"
 SIGMAS = 2.58
 DISTINCT_MIN = 5
@@ -44,21 +41,11 @@ def run(arguments: argparse.Namespace) -> int:
             raise LocalError(f"{name}: given {count} times: give the logs of two robots or more")
     if arguments.every_us is not None and not arguments.every_us > 0:
         raise LocalError(f"--reset-every-us {arguments.every_us:g}: allowed is more than 0")
-    logs = [load(name, examined=False)[0] for name in arguments.files]
-    for name, log in zip(arguments.files, logs, strict=True):
-        if not log.row_count:
-            raise PeerError(f"{name}: no rows: see 'host usd check'")
-    if not arguments.plot:
-        return judge(arguments, logs, None)
-    from .new_file import new_file
-    from .usd_plot import picture_writer
-
-    write_picture = picture_writer(arguments.plot)
-    with new_file(arguments.plot, arguments.force) as out:
-
-        def draw(shapes: Iterable[Shape], panels: int) -> None:
-            out.write(write_picture(WIDTH, HEIGHT - (3 - panels) * (PANEL + SPACE), list(shapes)))
-
+    with new_picture(arguments.plot, arguments.force) as draw:
+        logs = [load(name, examined=False)[0] for name in arguments.files]
+        for name, log in zip(arguments.files, logs, strict=True):
+            if not log.row_count:
+                raise PeerError(f"{name}: no rows: see 'host usd check'")
         return judge(arguments, logs, draw)
 
 

@@ -37,8 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
     """4 if there is no frame, or none of a robot's can be given a time."""
     from ..link.replay import Recording
     from .new_file import new_file
-    from .sync_plot import HEIGHT, WIDTH, picture
-    from .usd_plot import picture_writer
+    from .sync_plot import new_picture
+    from .sync_stamps_plot import shapes
 
     code = 0
     if arguments.row and not arguments.apply:
@@ -48,15 +48,12 @@ def run(arguments: argparse.Namespace) -> int:
     times: dict[int, list[Restamped]] = {}
     with ExitStack() as outputs:
         # Before anything is read, and kept only if all goes well.
-        write_picture = picture_writer(arguments.plot) if arguments.plot else None
-        table, drawing = (
-            outputs.enter_context(new_file(each, arguments.force)) if each else None
-            for each in (arguments.apply, arguments.plot)
-        )
+        draw = outputs.enter_context(new_picture(arguments.plot, arguments.force))
+        table = outputs.enter_context(new_file(arguments.apply, arguments.force)) if arguments.apply else None
         recording = Recording(arguments.file)
         robots = sorted(recording.sources) if arguments.robot is None else [recording.source(arguments.robot).number]
         recording.close()
-        if len(robots) > 1 and (drawing or (table and not sync_apply.is_recording(arguments.apply))):
+        if len(robots) > 1 and (draw or (table and not sync_apply.is_recording(arguments.apply))):
             raise LocalError(
                 f"{arguments.file}: of {len(robots)} robots; choose one with --robot to draw, or to write a table"
             )
@@ -73,9 +70,9 @@ def run(arguments: argparse.Namespace) -> int:
                 code = 4
                 continue
             times[robot] = sync_apply.restamped(source, result)
-            if drawing and write_picture:
-                drawing.write(write_picture(WIDTH, HEIGHT, picture(result)))
-        if (table or drawing) and not times:
+            if draw:
+                draw(shapes(result), 3)
+        if (table or draw) and not times:
             raise PeerError(f"{arguments.file}: no frame can be given a time, so nothing was written")
         if table:
             sync_apply.write(arguments.file, arguments.apply, table, times, arguments.row is not None)
