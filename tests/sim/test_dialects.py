@@ -14,7 +14,7 @@ from sim.world import World
 
 def shown(world):
     """The pictures of robot 0, raw and JPEG."""
-    pictures = world._shown[0]
+    pictures = world.pictures[0]
     return pictures.raw, pictures.jpeg
 
 

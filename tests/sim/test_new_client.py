@@ -55,7 +55,7 @@ def frames_of_a_stock_stream(data, pictures):
 
 
 def pictures_of(world):
-    return {bytes(raw) for raw in world._shown[0].raw}
+    return {bytes(raw) for raw in world.pictures[0].raw}
 
 
 def spi_is_idle(world):
