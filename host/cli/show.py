@@ -186,7 +186,7 @@ def echo_text(echo: NativeEcho | None) -> str:
     """What echoes say of the delay that all stamps have; empty if none has come back."""
     if echo is None:
         return ""
-    return f", the fastest by {echo.minimum_delay_us} ± {echo.minimum_delay_error_us} us"
+    return f", the fastest by 0 to {echo.minimum_delay_us + echo.minimum_delay_error_us} us"
 
 
 def warnings(frame: Frame) -> str:
@@ -225,7 +225,7 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
         )
     if echo := summary["echo"]:
         lines.append(
-            f"UART1       delays a stamp by {echo['minimum_delay_us']} ± {echo['minimum_delay_error_us']} us at least, "
+            f"UART1       delays every stamp by 0 to {echo['minimum_delay_us'] + echo['minimum_delay_error_us']} us, "
             f"by {echo['echoes']} echoes; no time or bound has that in it"
         )
     if of := card_log(summary["log"]):

@@ -6,6 +6,7 @@ import argparse
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,6 @@ NANOCOCKPIT = (
     "NanoCockpit frames bring the last state alone: between frames all others are lost, and as released its STM32 time"
     " is a tick of 1 ms"
 )
-UNSEEN = "a delay that every message has beyond the wire; how late the GAP8 reads its clock at every frame"
-ALL_LATE = "a delay that every message has beyond the wire; how late the GAP8 reads its clock at the end of a frame"
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -106,7 +105,8 @@ def as_record(name: str, source: Source, result: Stamped | None) -> dict[str, An
         "messages_dropped": result.sorted.dropped,
         "gap8_tick_us": result.gap8_tick_us,
         "stm32_tick_us": result.stm32_tick_us,
-        "not_in_bound": unseen(result),
+        "not_in_bound": unseen(source, result),
+        **echo_record(source),
         "frames_paced": int(result.ends.paced[result.frame].sum()),
         "read_late_us": None if result.ends.late_us is None else round(result.ends.late_us, 1),
         "wire_us": round(result.wire_us, 1),
@@ -116,8 +116,20 @@ def as_record(name: str, source: Source, result: Stamped | None) -> dict[str, An
     }
 
 
-def unseen(result: Stamped) -> str:
-    return UNSEEN if result.ends.told else ALL_LATE
+def unseen(source: Source, result: Stamped) -> str:
+    told = source.echo
+    most = ""
+    if told:
+        most = f" (0 to {told.minimum_delay_us + told.minimum_delay_error_us} us, by {told.echoes} echoes)"
+    at = "every frame" if result.ends.told else "the end of a frame"
+    return f"a delay that every message has beyond the wire{most}; how late the GAP8 reads its clock at {at}"
+
+
+def echo_record(source: Source) -> dict[str, int | None]:
+    """What the robot last said of the delay that every message has."""
+    if source.echo:
+        return asdict(source.echo)
+    return {"minimum_delay_us": None, "minimum_delay_error_us": None, "echoes": 0}
 
 
 def median(values: Any) -> float | None:
@@ -198,5 +210,5 @@ def lines(name: str, source: Source, result: Stamped | None) -> Iterator[str]:
                 f"  frames    {record['frames_paced']} of one pace: their ends were read late by"
                 f" {record['read_late_us']:.1f} us on average, taken off"
             )
-        yield f"  unseen    {unseen(result)}"
+        yield f"  unseen    {unseen(source, result)}"
     yield from (f"  note      {each}" for each in record["notes"])

@@ -11,6 +11,7 @@ import numpy as np
 from ..clock.frame_ends import Readings
 from ..clock.stamps import WIRE_US
 from ..link.frame import PAIR_DTYPE, Frame
+from ..link.records import NativeEcho
 from .row import Row
 
 NANOCOCKPIT_WIRE_US = 40 * 10 * 365 / 42
@@ -39,6 +40,8 @@ class Source:
     before_end_us: np.ndarray[Any, np.dtype[np.float64]]
     """GAP8 time from the middle of the wanted row's exposure to the end of frame; NaN: not told, or no row wanted."""
     readings: Readings
+    echo: NativeEcho | None
+    """The last that a frame told of."""
     in_ms: bool
     wire_us: float
 
@@ -59,6 +62,7 @@ def read(name: str, robot: int, row: Row | None = None) -> Source:
     own: list[float] = []
     before_end: list[float | None] = []
     readings: list[tuple[int, tuple[int, ...], float | None]] = []
+    echo: NativeEcho | None = None
     messages = 0
     with open_stream(to_url(name, pace="max", robot=robot), timeout=None) as stream:
         for frame in stream:
@@ -78,6 +82,7 @@ def read(name: str, robot: int, row: Row | None = None) -> Source:
                 own.append(np.nan if frame.frame_stm32_us is None else float(frame.frame_stm32_us))
                 before_end.append(frame.row_before_end_us(row.of(frame.height)) if row else None)
                 readings.append(reading_of(frame))
+                echo = (frame.native and frame.native.echo) or echo
     in_ms = False
     if pairs:
         table = np.concatenate([np.empty(0, PAIR_DTYPE), *pairs])
@@ -89,8 +94,8 @@ def read(name: str, robot: int, row: Row | None = None) -> Source:
         stm32 = stm32 * np.uint64(1000 if in_ms else 1)
     return Source(
         robot, dict(dialects), stm32, arrived, resets, index, numbers, arrivals, np.array(gap8, np.uint64),
-        np.array(after, np.int64), np.array(own), np.array(before_end, np.float64), together(readings), in_ms,
-        WIRE_US if pairs else NANOCOCKPIT_WIRE_US,
+        np.array(after, np.int64), np.array(own), np.array(before_end, np.float64), together(readings), echo,
+        in_ms, WIRE_US if pairs else NANOCOCKPIT_WIRE_US,
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
@@ -98,6 +99,27 @@ def test_bursts_keep_the_lateness_in_the_bound(tmp_path: Path, capsys: pytest.Ca
     assert (said["frames_paced"], said["read_late_us"]) == (0, None)
     assert (error <= [float(row["bound_us"]) for row in table]).mean() >= 0.985
     assert error.max() > 40
+
+
+@pytest.mark.parametrize(("latency_us", "most_us"), [(0, 0), (400, 800)])
+def test_what_echoes_say_stands_beside_what_is_unseen(
+    latency_us: int, most_us: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url = f"sim://hover?pace=max&seed=7&gap8_quantum=1us&uart1_jitter_us=0&uart1_latency_us={latency_us}"
+    path = record(tmp_path, url, "5")
+    said = stamps(capsys, path)
+    with host.open(f"replay://{path}?pace=max") as stream:
+        last = [frame for frame in stream if frame.native][-1].native.echo
+    assert (said["minimum_delay_us"], said["minimum_delay_error_us"], said["echoes"]) == astuple(last)
+    found_us = said["minimum_delay_us"] + said["minimum_delay_error_us"]
+    assert found_us == pytest.approx(most_us, abs=8)
+    assert f"beyond the wire (0 to {found_us} us, by {last.echoes} echoes)" in said["not_in_bound"]
+
+
+def test_without_echoes_no_figure_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = stamps(capsys, record(tmp_path, "sim://hover?pace=max&firmware=nanocockpit", "5"))
+    assert (said["minimum_delay_us"], said["minimum_delay_error_us"], said["echoes"]) == (None, None, 0)
+    assert "beyond the wire;" in said["not_in_bound"]
 
 
 def test_the_middle_of_a_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
