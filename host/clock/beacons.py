@@ -69,10 +69,11 @@ def collect(sequence: ArrayLike, host_us: ArrayLike, local_us: ArrayLike) -> Bea
     """Of all that was noted between two resets of the robot's clock: the longest run in which the host's clock and
     the beacons' numbers only go on. What was repeated counts when it came first."""
     number, host, local = (np.asarray(each, np.int64) for each in (sequence, host_us, local_us))
+    times = host.astype(np.float64), local.astype(np.float64)  # nonsense may be further apart than 64 bits hold
     if not len(number):
         return Beacons(number, host, local, 0, 0)
     again = np.concatenate(([False], (np.diff(number) == 0) & (np.diff(host) == 0)))
-    begin = np.flatnonzero(np.concatenate(([True], ~follows(number, host, local, slice(None, -1), slice(1, None)))))
+    begin = np.flatnonzero(np.concatenate(([True], ~follows(number, *times, slice(None, -1), slice(1, None)))))
     end = np.append(begin[1:], len(number))
     longest = int(np.argmax(end - begin))
     mine = np.zeros(len(number), np.bool_)
@@ -80,18 +81,18 @@ def collect(sequence: ArrayLike, host_us: ArrayLike, local_us: ArrayLike) -> Bea
     # What goes on where it ended, or leads to where it began, is of the same run: in between was nonsense.
     last, first = end[longest] - 1, begin[longest]
     for each in range(longest + 1, len(begin)):
-        if follows(number, host, local, last, begin[each]):
+        if follows(number, *times, last, begin[each]):
             mine[begin[each] : end[each]] = True
             last = end[each] - 1
     for each in range(longest - 1, -1, -1):
-        if follows(number, host, local, end[each] - 1, first):
+        if follows(number, *times, end[each] - 1, first):
             mine[begin[each] : end[each]] = True
             first = begin[each]
     kept = mine & ~again
     return Beacons(number[kept], host[kept], local[kept], int((mine & again).sum()), int((~mine).sum()))
 
 
-def follows(number: Ints, host: Ints, local: Ints, a: Any, b: Any) -> Any:
+def follows(number: Ints, host: Floats, local: Floats, a: Any, b: Any) -> Any:
     """Do b's come after a's in the same run of the host, by number, by time and by how much time has passed?"""
     step, passed = host[b] - host[a], local[b] - local[a]
     onward = (number[b] - number[a]) % WRAP < WRAP // 2
@@ -167,7 +168,7 @@ def against_host(beacons: Beacons) -> Against | None:
 
 def recent(beacons: Beacons) -> Beacons:
     """Those of the last minutes: enough for what is wanted now, while beacons still come."""
-    kept = beacons.host_us > beacons.host_us[-1] - RECENT_US
+    kept = beacons.host_us > beacons.host_us[-1:] - RECENT_US
     of = beacons.sequence[kept], beacons.host_us[kept], beacons.local_us[kept]
     return Beacons(*of, beacons.repeated, beacons.other_runs)
 
