@@ -4,8 +4,9 @@ enum {
     FRAMES_MIN = 8,   ///< for a line
     STEPS_MAX = 1000, ///< frames that may be missing in a row
     OFF_MAX = 3,
-    SLACK_US = 4,         ///< of rates that change
-    SPAN_US = 1000000000, ///< of a line: differences keep to 32 bits
+    SLACK_US = 4,          ///< of rates that change
+    SPAN_US = 1000000000,  ///< of a line: differences keep to 32 bits
+    MEAN_Q8_MAX = 1 << 27, ///< of which 14 keep to 32 bits
     Q16 = 65536,
 };
 
@@ -62,7 +63,7 @@ static frames_line_t lower_line(const clock_track_t *self) {
     for (uint8_t i = 0; i < self->frames_fill; i++) {
         late_q8 += (int64_t)reading(self, i) * Q8 - line.last_q8 - line.period_q16 * number(self, i) / Q8;
     }
-    line.mean_q8 = late_q8 < 0 ? 0 : at_most((uint64_t)late_q8 / self->frames_fill, (uint32_t)1 << 30);
+    line.mean_q8 = late_q8 < 0 ? 0 : at_most((uint64_t)late_q8 / self->frames_fill, MEAN_Q8_MAX);
     return line;
 }
 
