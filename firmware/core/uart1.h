@@ -46,8 +46,7 @@ void uart1_rx_init(uart1_rx_t *self, uint8_t kinds);
 void uart1_rx_put(uart1_rx_t *self, uint8_t byte);
 
 /// True when there is a message. If `kinds` is just one of them, or the two native ones, that is at its last
-/// byte, and only once;
-/// otherwise a long false start may give way to several at a time.
+/// byte, and only once; otherwise a long false start may give way to several at a time.
 bool uart1_rx_take(uart1_rx_t *self, uart1_message_t *message);
 
 #endif

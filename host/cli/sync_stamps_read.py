@@ -11,7 +11,7 @@ import numpy as np
 from ..clock.frame_ends import Readings
 from ..clock.stamps import WIRE_US
 from ..link.frame import PAIR_DTYPE, Frame
-from ..link.records import NativeEcho
+from ..link.headers import NativeEcho
 from .row import Row
 
 NANOCOCKPIT_WIRE_US = 40 * 10 * 365 / 42
