@@ -17,6 +17,10 @@ def number(default: Number, low: Number, high: Number, unit: str, meaning: str) 
     return field(default=default, metadata={"low": low, "high": high, "unit": unit, "meaning": meaning})
 
 
+def probability(of: str) -> Any:
+    return number(0, 0, 1, "", f"probability that {of}")
+
+
 def choice(default: Scalar, meaning: str, unit: str = "") -> Any:
     """The choices are those of the field's Literal type."""
     return field(default=default, metadata={"unit": unit, "meaning": meaning})
@@ -64,9 +68,9 @@ class Wire:
 
     latency_us: float = number(0, 0, 10_000_000, "us", "added to every unit")
     jitter_us: float = number(0, 0, 10_000_000, "us", "mean of an exponential delay added to every unit")
-    loss: float = number(0, 0, 1, "", "probability that a unit is lost; TCP sends it again")
-    drop: float = number(0, 0, 1, "", "probability that a byte is lost; on TCP damage that its checksum missed")
-    flip: float = number(0, 0, 1, "", "probability that one bit of a byte is inverted; on TCP likewise")
+    loss: float = probability("a unit is lost; TCP sends it again")
+    drop: float = probability("a byte is lost; on TCP damage that its checksum missed")
+    flip: float = probability("one bit of a byte is inverted; on TCP likewise")
     burst_per_s: float = number(0, 0, 1000, "1/s", "how often a burst begins: all units in it are lost")
     burst_ms: float = number(0, 0, 60_000, "ms", "mean of a burst's exponential length")
     stall_per_s: float = number(0, 0, 1000, "1/s", "how often the wire stands still")
@@ -75,15 +79,15 @@ class Wire:
 
 @dataclass(frozen=True, slots=True)
 class Spi(Wire):
-    duplicate: float = number(0, 0, 1, "", "probability that a unit comes twice")
+    duplicate: float = probability("a unit comes twice")
     hz: int = number(10_000_000, 100_000, 30_000_000, "Hz", "bit clock, in GAP8 time")
     gap_us: float = number(20, 0, 10_000, "us", "handshake before each window")
 
 
 @dataclass(frozen=True, slots=True)
 class Uart(Wire):
-    duplicate: float = number(0, 0, 1, "", "probability that a unit comes twice")
-    reorder: float = number(0, 0, 1, "", "probability that a unit comes after the next one")
+    duplicate: float = probability("a unit comes twice")
+    reorder: float = probability("a unit comes after the next one")
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +110,8 @@ class Camera:
     digital_gain: int = number(64, 1, 255, "1/64", "likewise")
     line_time_ns: int = number(125_333, 1000, 10_000_000, "ns", "GAP8 time from row to row")
     jitter_us: float = number(0, 0, 1_000_000, "us", "mean of an exponential delay of the end-of-frame interrupt")
-    fail: float = number(0, 0, 1, "", "probability that a capture fails")
-    hang: float = number(0, 0, 1, "", "probability that a capture never ends")
+    fail: float = probability("a capture fails")
+    hang: float = probability("a capture never ends")
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +130,7 @@ class Radio:
 
     latency_us: float = number(250, 0, 1_000_000, "us", "from the host's antenna to the robot's task, at least")
     jitter_us: float = number(300, 0, 1_000_000, "us", "mean of an exponential delay added to that")
-    loss: float = number(0, 0, 1, "", "probability that it does not hear a broadcast")
+    loss: float = probability("it does not hear a broadcast")
 
 
 @dataclass(frozen=True, slots=True)

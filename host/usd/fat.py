@@ -146,7 +146,7 @@ def find_volume(data: memoryview) -> Boot:
     for start in [0, *partitions]:
         if bytes(data[start + 3 : start + 11]) == b"EXFAT   ":
             raise PeerError("an exFAT card: the firmware's file system cannot have written it, and it is not read here")
-    raise PeerError("neither a log nor the image of a FAT card")
+    raise PeerError("not the image of a FAT card")
 
 
 def read_boot(data: memoryview, start: int, at: int) -> Boot | None:
