@@ -100,12 +100,12 @@ def look(world: Grey, ahead: Grey, left: Grey, up: Grey) -> Grey:
     )
     row = np.clip(row, 0, np.float32(height - 1.001))
     i, j = row.astype(np.int32), column.astype(np.int32)
-    down, right = row - i, column - j
+    # A whole number of another type would make all that follows float64.
+    down, right = row - i.astype(np.float32), column - j.astype(np.float32)
     j %= width
     here, beside = i * width + j, i * width + (j + 1) % width
-    flat = world.ravel()
-    top = flat[here] + (flat[beside] - flat[here]) * right
-    here += width
-    beside += width
-    low = flat[here] + (flat[beside] - flat[here]) * right
+    flat, below = world.ravel(), world[1:].ravel()
+    top, low = flat.take(here), below.take(here)
+    top += (flat.take(beside) - top) * right
+    low += (below.take(beside) - low) * right
     return np.asarray(top + (low - top) * down)

@@ -9,14 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..clock.ticks import Floats
+from ..clock.ticks import SLOW, Floats
 from ..link.frame import Frame
 from ..link.replay_url import to_url
 from ..link.stream import open_stream
 from ..protocol.errors import PeerError
-
-SLOW = 84 / 85
-"""STM32 firmware before August 2026: its clock counts 84 where 85 have passed."""
 
 
 @dataclass(frozen=True)

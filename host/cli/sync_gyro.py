@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..clock.gyro import Gyro, Refused, Shift, compare
 from ..clock.gyro_align import RATES
 from ..clock.gyro_paper import PaperShift, paper_shift
+from ..clock.ticks import Floats
 from ..protocol.errors import LocalError, PeerError
 from ..usd.log import Log, Rows
 from ..usd.units import unit_of
@@ -86,9 +88,13 @@ def of_rows(label: str, rows: Rows, names: tuple[str, ...]) -> Source:
     data = rows.data[part.start : part.stop]
     time_us = rows.stamp_us[part.start : part.stop].astype(np.float64)
     rate = np.stack([data[name].astype(np.float64) * IN_DPS[unit_of(name)] for name in names], axis=1)
-    goes_on = np.concatenate([[True], time_us[1:] > np.maximum.accumulate(time_us)[:-1]])
-    good = goes_on & np.isfinite(rate).all(axis=1)
+    good = goes_on(time_us) & np.isfinite(rate).all(axis=1)
     return Source(label, names, Gyro(time_us[good], rate[good]), len(rows) - int(good.sum()))
+
+
+def goes_on(time_us: Floats) -> NDArray[np.bool_]:
+    """Where a time is later than all before it."""
+    return np.diff(np.maximum.accumulate(time_us), prepend=-np.inf) > 0
 
 
 def heading(first: Source, second: Source) -> dict[str, Any]:

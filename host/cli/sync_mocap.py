@@ -15,7 +15,7 @@ from ..protocol.errors import LocalError, PeerError
 from ..usd.log import Log
 from ..usd.track import Track, read_track
 from .as_json import line
-from .sync_gyro import Source, source_of
+from .sync_gyro import Source, goes_on, source_of
 from .usd import load, warn
 
 SOURCES = ("estPose", "stateEstimate", "stateEstimateZ")
@@ -73,9 +73,8 @@ def attitudes_of(track: Track, gyro: Source) -> Attitudes:
     )
     time_us = track.stamp_us[part.start : part.stop].astype(np.float64)
     attitude = track.attitude[part.start : part.stop]
-    new = np.concatenate([[True], (np.diff(attitude, axis=0) != 0).any(axis=1)])[: len(time_us)]
-    goes_on = np.concatenate([[True], time_us[1:] > np.maximum.accumulate(time_us)[:-1]])[: len(time_us)]
-    return Attitudes(time_us[new & goes_on], attitude[new & goes_on])
+    kept = goes_on(time_us) & (np.diff(attitude, axis=0, prepend=np.nan) != 0).any(axis=1)
+    return Attitudes(time_us[kept], attitude[kept])
 
 
 def overlap(time_us: Any, first_us: float, last_us: float) -> int:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .envelope import Floats
 from .smoother import BLOCK_PAIRS, Smoothed, smooth
+from .ticks import SLOW
 
 Ints = NDArray[np.int64]
 
@@ -29,8 +30,8 @@ FEW = 40
 """So many beacons tell the mean delay, and with it the bound, to a factor of two."""
 STEP_S = 0.01
 """From message to message where the smoother is at home."""
-SLOW_PPM = -1e6 / 85
-"""Drift of a clock that counts 84 where 85 have passed, against a right one: STM32 firmware before August 2026."""
+SLOW_PPM = (SLOW - 1) * 1e6
+"""Drift of a slow clock against a right one."""
 CRYSTAL_PPM = 2000.0
 """No right clock is further off: half of that, and half for the host's."""
 RECENT_US = 180_000_000

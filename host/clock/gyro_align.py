@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from .gyro_signal import Floats, Samples
+from .ticks import SLOW
 
 BIN_US = 4000.0
 """Rates are averaged over so much for the search."""
 PIECE_US = 10e6
 """That is searched for in the other log."""
-SLOW = 84 / 85
-"""The rate of a clock that counts 84 where 85 have passed."""
 RATES = (1.0, SLOW, 1 / SLOW)
+"""Of one clock against another, either of which may be slow."""
 ALIKE_MIN = 0.5
 """Correlation."""
 TWICE = 0.97
@@ -84,11 +84,11 @@ class Found:
 def search(first: Samples, second: Samples, changes: bool) -> Found:
     """The liveliest piece of the first in all of the second."""
     begin, here = binned(first)
+    here = np.diff(here) if changes else here
     best = Found(-1, 0, 1, 1, 0, 0)
     for rate in RATES:
         other_begin, there = binned(second, rate)
-        if changes:
-            here, there = np.diff(binned(first)[1]), np.diff(there)
+        there = np.diff(there) if changes else there
         size = min(int(PIECE_US / BIN_US), len(here), len(there))
         place = liveliest(here, size)
         alike = correlations(here[place : place + size], there)

@@ -20,7 +20,7 @@ from .gyro import Gyro, Refused
 from .gyro_filter import late_us, sample_us
 from .jackknife import left_out
 from .ticks import Floats
-from .turning import Turning, from_vector, product, to_vector
+from .turning import Turning, conjugate, from_vector, product, to_vector
 
 SEGMENT_S = 1.0
 POSES_MIN = 10
@@ -229,10 +229,6 @@ class LagFit:
         total = np.add.reduceat(every, starts, axis=0)
         every -= (total / np.diff(starts, append=len(place))[:, None, None])[number]
         return Rows(place, number, every[:, :, :-1].reshape(-1, columns.shape[2]), every[:, :, -1].reshape(-1))
-
-
-def conjugate(quaternion: Floats) -> Floats:
-    return np.asarray(quaternion * [1.0, -1.0, -1.0, -1.0])
 
 
 def rotated(quaternion: Floats, vector: Floats) -> Floats:

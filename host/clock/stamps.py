@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .allan import Steadiness, allan_deviation
 from .frame_ends import Ends, Readings, as_read, frame_ends
 from .smoother import BLOCK_PAIRS, Smoothed, smooth
-from .ticks import Epoch, Floats, Ints, Sorted, sort, tick_us
+from .ticks import SLOW, Epoch, Floats, Ints, Sorted, sort, tick_us
 
 Refusal = Literal[
     "no messages",
@@ -28,8 +28,8 @@ NEAR_S = 0.5
 BOUND_US_MAX = 20_000.0
 LONE_PPM = 0.5
 """How far a rate may change within a second that nothing was heard in, at the least."""
-SLOW_PPM = 1e6 / 84
-"""Drift of a right clock against one that counts 84 where 85 have passed: STM32 firmware before August 2026."""
+SLOW_PPM = (1 / SLOW - 1) * 1e6
+"""Drift of a right clock against a slow one."""
 WIRE_US = 17 * 10 * 365 / 42
 """A native message on UART1, from the reading of the clock to the last stop bit."""
 
@@ -142,7 +142,7 @@ def fit(all_: Sorted, epoch: Epoch, coarse_us: float, wire_us: float) -> Fitted:
     late = [float(offset[k] - curve.at(time_s[k : k + 1] if k == 0 else time_s[k:])[0]) for k in (0, -1)]
     sent = (float(gap8[0]) - max(late[0], 0) - wire_us, float(gap8[-1]) - max(late[1], 0) - wire_us)
     is_slow = abs(drift - SLOW_PPM) < abs(drift)
-    wire_stm32_us = wire_us * (84 / 85 if is_slow else 1)
+    wire_stm32_us = wire_us * (SLOW if is_slow else 1)
     return Fitted(
         epoch, int(all_.message_boot[epoch.messages[0]]), begin, base, sent, made, drift,
         is_slow, wire_stm32_us, allan_deviation(curve.at(even), step_s),

@@ -21,6 +21,8 @@ WRAP_US = 60_000_000
 BACK_US = 2_000_000
 """The GAP8's times come in order but for this much; else it has started anew."""
 RTC_HZ = 32768
+SLOW = 84 / 85
+"""Rate of a clock that counts 84 where 85 have passed, against a right one: STM32 firmware before August 2026."""
 JUMP_US = 20_000.0
 """More than delays scatter."""
 DRIFT = 0.003

@@ -32,7 +32,7 @@ class Turning:
 
     def between(self, from_s: Floats, to_s: Floats) -> Floats:
         """(n, 3): rotation vectors, rad, about the body's axes."""
-        return to_vector(product(self._at(from_s) * [1.0, -1.0, -1.0, -1.0], self._at(to_s)))
+        return to_vector(product(conjugate(self._at(from_s)), self._at(to_s)))
 
     def _rows(self, at_s: Floats) -> NDArray[np.intp]:
         return np.clip(np.searchsorted(self.time_s, at_s, "right") - 1, 0, len(self.time_s) - 2)
@@ -71,6 +71,10 @@ def product(a: Floats, b: Floats) -> Floats:
         ],
         axis=1,
     )
+
+
+def conjugate(quaternion: Floats) -> Floats:
+    return np.asarray(quaternion * [1.0, -1.0, -1.0, -1.0])
 
 
 def running_product(turns: Floats) -> Floats:
