@@ -1,19 +1,13 @@
 #include "stream.h"
 
+#include "belief.h"
 #include "frames.h"
 
 #include <string.h>
 
-enum {
-    LENGTH_BYTES = 2,
-    HEADER_BYTES = CPX_LINK_HEADER_BYTES,
-    CHAIN = 3,
-    NATIVE_START_BYTES = 6,
-    BUFFER_START_BYTES = HEADER_BYTES + NANOCOCKPIT_BEGIN_BYTES + NANOCOCKPIT_METADATA_BYTES,
-};
+enum { HEADER_BYTES = CPX_LINK_HEADER_BYTES };
 
 typedef enum { GO, MORE, STOP } step_t;
-typedef enum { NO, YES, UNKNOWN } verdict_t;
 
 void stream_init(stream_t *self, uint8_t framing) {
     memset(self, 0, sizeof *self);
@@ -51,111 +45,22 @@ static bool may_go_on(stream_t *self) {
            self->data_fill + NANOCOCKPIT_DATA_MAX <= STREAM_DATA_BYTES;
 }
 
-static size_t packet_bytes(uint8_t rule, const uint8_t *header) {
-    return (rule == STREAM_CPX ? LENGTH_BYTES : HEADER_BYTES) + (size_t)load16_le(header);
-}
-
-static bool addressed(uint8_t target) {
-    return target >= CPX_STM32 && target <= CPX_GAP8;
-}
-
-static bool plausible(uint8_t rule, const uint8_t *header, cpx_route_t *route) {
-    const uint16_t length = load16_le(header);
-    const bool fits = rule == STREAM_CPX ? length >= CPX_ROUTE_BYTES && length <= CPX_MTU
-                                         : length >= 1 && length <= NANOCOCKPIT_DATA_MAX;
-    cpx_route_decode(header + LENGTH_BYTES, route);
-    return fits && addressed(route->source) && addressed(route->destination);
-}
-
-static bool known_function(uint8_t rule, uint8_t function) {
-    return (function >= CPX_SYSTEM && function <= CPX_APP) || function == CPX_TEST ||
-           function == CPX_BOOTLOADER || (rule == STREAM_NANOCOCKPIT && function == CPX_STREAMER);
-}
-
-static bool usual(uint8_t rule, const cpx_route_t *route) {
-    return route->version == CPX_VERSION && known_function(rule, route->function);
-}
-
-static bool from_camera(const cpx_route_t *route) {
-    return route->source == CPX_GAP8 && route->function == CPX_APP;
-}
-
-/// Is this packet so particular that it needs no others behind it?
-static bool unmistakable(const uint8_t *in, size_t size, const cpx_route_t *route) {
-    image_stock_t stock;
-    paper_header_t paper;
-    const bytes_t data = {in + HEADER_BYTES, packet_bytes(STREAM_CPX, in) - HEADER_BYTES};
-    if (!from_camera(route) || size < NATIVE_START_BYTES || data.size < 2) {
-        return false;
-    }
-    if (data.data[0] == NATIVE_MAGIC) {
-        return data.data[1] >= NATIVE_FRAME && data.data[1] <= NATIVE_REPLY;
-    }
-    return size >= HEADER_BYTES + data.size &&
-           (image_stock_decode(data, &stock) > 0 || paper_header_decode(data, &paper) > 0);
-}
-
-/// Does a run of packets start here?
-static verdict_t starts_cpx(const uint8_t *in, size_t size) {
-    size_t at = 0;
-    for (int i = 0; i < CHAIN; i++) {
-        cpx_route_t route;
-        if (size < at + HEADER_BYTES) {
-            return UNKNOWN;
-        }
-        if (!plausible(STREAM_CPX, in + at, &route) || !usual(STREAM_CPX, &route)) {
-            return NO;
-        }
-        if (i == 0 && unmistakable(in, size, &route)) {
-            return YES;
-        }
-        at += packet_bytes(STREAM_CPX, in + at);
-    }
-    return YES;
-}
-
-/// Does one of NanoCockpit's image buffers start here?
-static verdict_t starts_buffer(const uint8_t *in, size_t size) {
-    static const uint8_t start[] = {NANOCOCKPIT_BEGIN, NANOCOCKPIT_IMAGE};
-    nanocockpit_begin_t begin;
-    nanocockpit_metadata_t metadata;
-    cpx_route_t route;
-    if (size < HEADER_BYTES) {
-        return UNKNOWN;
-    }
-    const size_t packet = packet_bytes(STREAM_NANOCOCKPIT, in);
-    if (!plausible(STREAM_NANOCOCKPIT, in, &route) || !usual(STREAM_NANOCOCKPIT, &route) ||
-        !frames_is_buffer(&route) || packet < BUFFER_START_BYTES) {
-        return NO;
-    }
-    for (size_t i = 0; i < sizeof start && HEADER_BYTES + i < size; i++) {
-        if (in[HEADER_BYTES + i] != start[i]) {
-            return NO;
-        }
-    }
-    if (size < BUFFER_START_BYTES) {
-        return UNKNOWN;
-    }
-    const bytes_t data = {in + HEADER_BYTES, BUFFER_START_BYTES - HEADER_BYTES};
-    return frames_buffer_image(data, &begin, &metadata) ? YES : NO;
-}
-
 /// Does a stream start here, by a rule that is allowed? Then the rule is the one that it follows.
-static verdict_t starts(stream_t *self, const uint8_t *in, size_t size, bool ended) {
+static belief_t starts(stream_t *self, const uint8_t *in, size_t size, bool ended) {
     if (self->rule == STREAM_NANOCOCKPIT || !self->rule_set) {
-        const verdict_t verdict = starts_buffer(in, size);
-        if (verdict == YES) {
+        const belief_t verdict = belief_buffer_starts(in, size);
+        if (verdict == BELIEF_YES) {
             self->rule = STREAM_NANOCOCKPIT;
         }
-        if (verdict == YES || (verdict == UNKNOWN && !ended)) {
+        if (verdict == BELIEF_YES || (verdict == BELIEF_UNKNOWN && !ended)) {
             return verdict;
         }
     }
     if (self->rule == STREAM_NANOCOCKPIT && self->rule_set) {
-        return NO;
+        return BELIEF_NO;
     }
-    const verdict_t verdict = starts_cpx(in, size);
-    if (verdict == YES) {
+    const belief_t verdict = belief_cpx_starts(in, size);
+    if (verdict == BELIEF_YES) {
         self->rule = STREAM_CPX;
     }
     return verdict;
@@ -185,12 +90,12 @@ static void begin_hunt(stream_t *self, uint8_t cause) {
 
 static step_t hunt(stream_t *self, bytes_t in, bool ended) {
     while (self->at < in.size) {
-        const verdict_t verdict = starts(self, in.data + self->at, in.size - self->at, ended);
-        if (verdict == UNKNOWN && !ended) {
+        const belief_t verdict = starts(self, in.data + self->at, in.size - self->at, ended);
+        if (verdict == BELIEF_UNKNOWN && !ended) {
             return MORE;
         }
         const uint64_t here = self->base + self->at;
-        if (verdict == YES) {
+        if (verdict == BELIEF_YES) {
             // Inside the packet before: then it was that one which was wrong.
             report_garbage(self, here < self->garbage_from ? self->hunt_from : self->garbage_from, here);
             self->hunting = false;
@@ -208,8 +113,10 @@ static step_t hunt(stream_t *self, bytes_t in, bool ended) {
 }
 
 /// Before the rule is set, a packet of NanoCockpit's may stand where one of CPX is due.
-static verdict_t changes_rule(const stream_t *self, const uint8_t *here, size_t left) {
-    return self->rule == STREAM_CPX && !self->rule_set && !self->begin_waits ? starts_buffer(here, left) : NO;
+static belief_t changes_rule(const stream_t *self, const uint8_t *here, size_t left) {
+    return self->rule == STREAM_CPX && !self->rule_set && !self->begin_waits
+               ? belief_buffer_starts(here, left)
+               : BELIEF_NO;
 }
 
 /// Judges what lies at self->at.
@@ -231,21 +138,21 @@ static step_t step_tcp(stream_t *self, bytes_t in, bool ended) {
         begin_hunt(self, LOST_DISCONNECTED);
         return GO;
     }
-    const verdict_t changes = changes_rule(self, here, left);
-    if (changes == UNKNOWN && !ended) {
+    const belief_t changes = changes_rule(self, here, left);
+    if (changes == BELIEF_UNKNOWN && !ended) {
         return MORE;
     }
-    if (changes == YES) {
+    if (changes == BELIEF_YES) {
         self->rule = STREAM_NANOCOCKPIT;
     }
-    const bool believed = plausible(self->rule, here, &route);
-    const bool is_usual = usual(self->rule, &route);
-    const size_t size = packet_bytes(self->rule, here);
+    const bool believed = belief_plausible(self->rule, here, &route);
+    const bool is_usual = belief_usual(self->rule, &route);
+    const size_t size = belief_packet_bytes(self->rule, here);
     if (believed && !ended && left < size + (is_usual ? 0 : HEADER_BYTES)) {
         return MORE;
     }
     if (!believed || left < size ||
-        (!is_usual && left >= size + HEADER_BYTES && !plausible(self->rule, here + size, &behind))) {
+        (!is_usual && left >= size + HEADER_BYTES && !belief_plausible(self->rule, here + size, &behind))) {
         begin_hunt(self, ended && believed ? LOST_DISCONNECTED : LOST_GARBAGE);
         return GO;
     }
