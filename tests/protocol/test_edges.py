@@ -3,10 +3,9 @@
 from collections.abc import Iterator
 
 import pytest
-from wire_formats import (
-    BY_NAME,
-    decode,
-    encode,
+from wire_format import decode, encode
+from wire_formats import BY_NAME
+from wire_repairs import (
     repair_crc16,
     repair_frame,
     repair_log,

@@ -6,7 +6,8 @@ Hypothesis is derandomised: a failing case is found again by running the same te
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wire_formats import FORMATS, Format, decode, encode
+from wire_format import Format, decode, encode
+from wire_formats import FORMATS
 
 seeded = settings(derandomize=True, deadline=None, max_examples=60)
 every_format = pytest.mark.parametrize("format_", FORMATS, ids=str)

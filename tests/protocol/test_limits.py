@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wire_formats import BY_NAME, any_values, new_packet
+from wire_formats import BY_NAME
+from wire_messages import any_values
+from wire_packets import new_packet
 
 from host.link.headers import NanocockpitState
 from host.native import ffi, lib

@@ -10,7 +10,9 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wire_formats import BY_NAME, ROUTES, Values, read_packet
+from wire_format import Values
+from wire_formats import BY_NAME
+from wire_packets import ROUTES, read_packet
 
 from host.native import ffi, lib
 from host.protocol.spec import cpx, cpx_link

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 from construct import ConstructError
-from wire_formats import BY_NAME, decode, encode
+from wire_format import decode, encode
+from wire_formats import BY_NAME
 
 from host.protocol.spec import control
 

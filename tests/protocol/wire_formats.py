@@ -1,99 +1,37 @@
-"""One entry per format: how the C does it, how the specification does it, and what values it can hold.
-
-test_formats.py runs the same six tests over all of them.
-"""
+"""One entry per format of the wires. test_formats.py runs the same six tests over all of them."""
 
 from __future__ import annotations
 
-import io
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
-from construct import ConstructError
 from hypothesis import strategies as st
+from wire_format import Format, Values, field_names, parsed, plain
+from wire_messages import any_values, merged, message, nested
+from wire_packets import (
+    ROUTE_NAMES,
+    ROUTES,
+    encode_nanocockpit,
+    encode_packet,
+    packets,
+    parse_link,
+    parse_nanocockpit,
+    parse_uart,
+    read_packet,
+)
+from wire_repairs import (
+    repair_crc16,
+    repair_frame,
+    repair_log,
+    repair_pairs,
+    repair_paper,
+    repair_stamp,
+    repair_state,
+    repair_status,
+    repair_uart,
+)
 
 from host.native import ffi, lib
-from host.protocol.spec import beacon, checks, cpx, cpx_link, cpx_uart, image, nanocockpit, native, paper, stamp
-
-Values = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Format:
-    name: str
-    values: st.SearchStrategy[Values]
-    build: Callable[[Values], bytes]
-    """By the specification."""
-    parse: Callable[[bytes], tuple[Values, int] | None]
-    """By the specification: values and bytes used, or None when it refuses."""
-    encode: Callable[[Values, Any, int], int]
-    """By the C, into a buffer of that size: bytes written."""
-    decode: Callable[..., int]
-    """The C function: a bytes_t and then `outputs`."""
-    outputs: tuple[str, ...]
-    read: Callable[[list[Any], int], Values]
-    """The values in `outputs`; the int is what `decode` returned."""
-    needed: int | None = None
-    """Bytes from which on a truncated message is a shorter message; None: it never is."""
-    repair: Callable[[bytes], bytes] = bytes
-    """Makes the check of random bytes match, so that more than the check is tried."""
-
-    def __str__(self) -> str:
-        return self.name
-
-
-def plain(container: Any, names: list[str]) -> Values:
-    return {name: container[name] for name in names}
-
-
-def parsed(spec: Any, data: bytes, take: Callable[[Any], Values]) -> tuple[Values, int] | None:
-    stream = io.BytesIO(data)
-    try:
-        return take(spec.parse_stream(stream)), stream.tell()
-    except ConstructError:
-        return None
-
-
-# Messages: one C struct whose fields have the specification's names.
-
-
-def field_names(ctype: str) -> list[str]:
-    return [name for name, _ in ffi.typeof(ctype).fields]
-
-
-def any_values(ctype: str, **known: st.SearchStrategy[Any]) -> st.SearchStrategy[Values]:
-    """Every field over its whole range, but for the known ones."""
-    strategies = {
-        name: known.get(name, st.integers(0, 256 ** ffi.sizeof(field.type) - 1))
-        for name, field in ffi.typeof(ctype).fields
-    }
-    return st.fixed_dictionaries(strategies)
-
-
-def message(
-    name: str, ctype: str, c_name: str, spec: Any, size: int, values: st.SearchStrategy[Values], **more: Any
-) -> Format:
-    names = field_names(ctype)
-    encoder = getattr(lib, f"{c_name}_encode")
-
-    def encode(given: Values, buffer: Any, room: int) -> int:
-        assert room >= size
-        encoder(ffi.new(f"{ctype} *", given), buffer)
-        return size
-
-    return Format(
-        name,
-        values,
-        spec.build,
-        lambda data: parsed(spec, data, lambda found: plain(found, names)),
-        encode,
-        getattr(lib, f"{c_name}_decode"),
-        (f"{ctype} *",),
-        lambda outputs, _: {field: getattr(outputs[0], field) for field in names},
-        **more,
-    )
-
+from host.protocol.spec import beacon, cpx, cpx_link, cpx_uart, image, nanocockpit, native, paper, stamp
 
 SIDES = st.integers(1, 1024)
 
@@ -109,229 +47,13 @@ def pictures(encoding: str, size: str) -> st.SearchStrategy[Values]:
     return st.one_of(raw.map(lambda v: v | {encoding: 0}), jpeg.map(lambda v: v | {encoding: 1}))
 
 
-def merged(*parts: st.SearchStrategy[Values]) -> st.SearchStrategy[Values]:
-    return st.tuples(*parts).map(lambda dicts: {name: value for part in dicts for name, value in part.items()})
-
-
-# Packets: a route and data.
-
-ROUTE_NAMES = field_names("cpx_route_t")
-ROUTES = st.fixed_dictionaries(
-    {
-        "destination": st.integers(0, 7),
-        "source": st.integers(0, 7),
-        "function": st.integers(0, 63),
-        "version": st.integers(0, 3),
-        "last_packet": st.booleans(),
-        "reserved": st.booleans(),
-    }
-)
-
-
-def packets(data_max: int) -> st.SearchStrategy[Values]:
-    sizes = st.one_of(st.integers(0, 40), st.integers(data_max - 2, data_max))
-    return st.fixed_dictionaries({"route": ROUTES, "data": sizes.flatmap(lambda n: st.binary(min_size=n, max_size=n))})
-
-
-def packet_values(container: Any) -> Values:
-    return {"route": plain(container.route, ROUTE_NAMES), "data": container.data}
-
-
-def read_packet(outputs: list[Any], _: int) -> Values:
-    found = outputs[0]
-    route = {name: getattr(found.route, name) for name in ROUTE_NAMES}
-    return {"route": route, "data": ffi.buffer(found.data.data, found.data.size)[:]}
-
-
-def new_packet(values: Values) -> tuple[Any, Any]:
-    """A cpx_packet_t, and its data, which must be kept as long as the packet."""
-    data = ffi.new("uint8_t[]", values["data"] or b"\0")
-    return ffi.new("cpx_packet_t *", (values["route"], (data, len(values["data"])))), data
-
-
-def encode_packet(encoder: Any) -> Callable[[Values, Any, int], int]:
-    def encode(values: Values, buffer: Any, room: int) -> int:
-        packet, _data = new_packet(values)
-        return int(encoder(packet, (buffer, room)))
-
-    return encode
-
-
-def parse_uart(data: bytes) -> tuple[Values, int] | None:
-    frame = parsed(cpx_uart.FRAME, data, lambda found: packet_values(found.covered.value))
-    return frame or parsed(cpx_uart.CREDIT, data, lambda _: {})
-
-
-def parse_link(data: bytes) -> tuple[Values, int] | None:
-    silence = {"route": dict.fromkeys(ROUTE_NAMES, 0), "data": b""}
-    return parsed(cpx_link.FRAME, data, packet_values) or parsed(cpx_link.IDLE, data, lambda _: silence)
-
-
-def repair_uart(data: bytes) -> bytes:
-    if len(data) < 2 or len(data) < data[1] + 3:
-        return data
-    end = data[1] + 2
-    return data[:end] + bytes([checks.xor8(data[:end])]) + data[end + 1 :]
-
-
-def repair_stamp(data: bytes) -> bytes:
-    return data[:15] + checks.crc16(data[2:15]).to_bytes(2, "little") + data[17:] if len(data) >= 17 else data
-
-
-def repair_crc16(data: bytes) -> bytes:
-    """Of an echo's question, or of its answer."""
-    size = 5 if data[1:2] == b"\x2b" else 17
-    return (
-        data[: size - 2] + checks.crc16(data[2 : size - 2]).to_bytes(2, "little") + data[size:]
-        if len(data) >= size
-        else data
-    )
-
-
-def repair_frame(data: bytes) -> bytes:
-    """All checks; the later ones are not there in a short message, and then not judged."""
-    return repair_check32(repair_check32(repair_check32(data, 100), 124), 140)
-
-
-def repair_pairs(data: bytes) -> bytes:
-    return repair_check32(data, 8 + 21 * data[2]) if len(data) > 2 else data
-
-
-def repair_status(data: bytes) -> bytes:
-    return repair_check32(data, 60)
-
-
-def repair_log(data: bytes) -> bytes:
-    return repair_check32(data, 48)
-
-
-def repair_check32(data: bytes, at: int) -> bytes:
-    return data[:at] + checks.crc32(data[:at]).to_bytes(4, "little") + data[at + 4 :] if len(data) >= at + 4 else data
-
-
-def repair_paper(data: bytes) -> bytes:
-    return data[:39] + bytes([checks.xor8(data[2:39])]) + data[40:] if len(data) >= 40 else data
-
-
-def repair_state(data: bytes) -> bytes:
-    return data[:36] + checks.crc32(data[:36]).to_bytes(4, "little") + data[40:] if len(data) >= 40 else data
-
-
-# Messages whose struct has structs and arrays in it. Their values are flat: no name is in two of the parts.
-
-FLOATS = st.floats(width=32, allow_nan=False)
-BY_KIND = {"float": FLOATS, "int16_t": st.integers(-(2**15), 2**15 - 1)}
-
-
-def flat_values(ctype: Any, **known: st.SearchStrategy[Any]) -> dict[str, st.SearchStrategy[Any]]:
-    """A strategy for each leaf."""
-    found: dict[str, st.SearchStrategy[Any]] = {}
-    for name, field in ctype.fields:
-        kind = field.type
-        if kind.kind == "struct":
-            found |= flat_values(kind, **known)
-        elif kind.kind == "array":
-            found[name] = st.lists(leaf(kind.item), min_size=kind.length, max_size=kind.length)
-        else:
-            found[name] = known.get(name, leaf(kind))
-    return found
-
-
-def leaf(kind: Any) -> st.SearchStrategy[Any]:
-    return BY_KIND.get(kind.cname, st.integers(0, 256 ** ffi.sizeof(kind) - 1))
-
-
-def fill(struct: Any, ctype: Any, values: Values) -> Any:
-    for name, field in ctype.fields:
-        if field.type.kind == "struct":
-            fill(getattr(struct, name), field.type, values)
-        else:
-            setattr(struct, name, values[name])
-    return struct
-
-
-def flat(struct: Any, ctype: Any) -> Values:
-    found: Values = {}
-    for name, field in ctype.fields:
-        value = getattr(struct, name)
-        if field.type.kind == "struct":
-            found |= flat(value, field.type)
-        else:
-            found[name] = [same(each) for each in value] if field.type.kind == "array" else same(value)
-    return found
-
-
-def same(value: Any) -> Any:
-    """A NaN is equal to nothing, but which one it is is none of our business."""
-    return "nan" if value != value else value
-
-
-def picked(container: Any, names: list[str]) -> Values:
-    """Those names out of a Container and the ones in it."""
-    found: Values = {}
-    for name, value in container.items():
-        if name in names:
-            found[name] = [same(each) for each in value] if isinstance(value, list) else same(value)
-        elif isinstance(value, dict):
-            found |= picked(value, names)
-    return found
-
-
-def nested(
-    name: str,
-    c_name: str,
-    spec: Any,
-    size: int,
-    *,
-    arrange: Callable[[Values], Any] = lambda values: values,
-    decode: Any = None,
-    values: st.SearchStrategy[Values] | None = None,
-    **more: Any,
-) -> Format:
-    ctype = ffi.typeof(f"{c_name}_t")
-    encoder = getattr(lib, f"{c_name}_encode")
-    own = flat_values(ctype)
-
-    def encode(given: Values, buffer: Any, room: int) -> int:
-        assert room >= size
-        encoder(fill(ffi.new(f"{c_name}_t *"), ctype, given), buffer)
-        return size
-
-    return Format(
-        name,
-        st.fixed_dictionaries(own) if values is None else merged(st.fixed_dictionaries(own), values),
-        lambda given: spec.build(arrange(given)),
-        lambda data: parsed(spec, data, lambda found: picked(found, list(own))),
-        encode,
-        decode or getattr(lib, f"{c_name}_decode"),
-        (f"{c_name}_t *",),
-        lambda outputs, _: flat(outputs[0], ctype),
-        **more,
-    )
+GREY = st.fixed_dictionaries({"width": SIDES, "height": SIDES, "depth": st.integers(1, 4)})
 
 
 def state_only(view: Any, out: Any) -> int:
     """nanocockpit_uart_decode as far as the message with a state goes."""
     used = lib.nanocockpit_uart_decode(view, out)
     return used if used < 0 or used == lib.NANOCOCKPIT_STATE_BYTES else lib.ERR_START
-
-
-def parse_nanocockpit(data: bytes) -> tuple[Values, int] | None:
-    return parsed(nanocockpit.FRAME, data, packet_values)
-
-
-def encode_nanocockpit(values: Values, buffer: Any, room: int) -> int:
-    size = 4 + len(values["data"])
-    assert room >= size
-    lib.nanocockpit_link_header(ffi.new("cpx_route_t *", values["route"]), len(values["data"]), buffer)
-    ffi.buffer(buffer, size)[4:] = values["data"]
-    return size
-
-
-GREY = st.fixed_dictionaries({"width": SIDES, "height": SIDES, "depth": st.integers(1, 4)})
-
-
-# The two messages that are no plain struct.
 
 
 def encode_data(values: Values, buffer: Any, room: int) -> int:
@@ -546,37 +268,3 @@ FORMATS = [
     nested("nanocockpit reply", "nanocockpit_reply", nanocockpit.REPLY, 25),
 ]
 BY_NAME = {format_.name: format_ for format_ in FORMATS}
-
-
-def new_outputs(format_: Format, poison: int) -> list[Any]:
-    """The outputs of `decode`, every byte of them set to `poison`."""
-    made = [ffi.new(kind) for kind in format_.outputs]
-    for each in made:
-        room = ffi.buffer(each)
-        room[:] = bytes([poison]) * len(room)
-    return made
-
-
-def decode(format_: Format, data: bytes) -> tuple[Values, int] | None:
-    """What the C makes of `data`, like Format.parse. AssertionError when it refuses and has still written."""
-    outputs = new_outputs(format_, 0xA5)
-    before = [ffi.buffer(each)[:] for each in outputs]
-    # A block of its own and of this very size: the address sanitizer then sees a read beyond it.
-    memory = ffi.new("uint8_t[]", len(data))
-    ffi.buffer(memory)[:] = data
-    view = ffi.new("bytes_t *", (memory, len(data)))
-    used = format_.decode(view[0], *outputs)
-    if used < 0:
-        assert [ffi.buffer(each)[:] for each in outputs] == before, f"refused ({used}), but the output is touched"
-        return None
-    return format_.read(outputs, used), used
-
-
-def encode(format_: Format, values: Values, poison: int) -> bytes:
-    """What the C writes into a buffer full of `poison`. AssertionError when it writes beyond what it says."""
-    room = 4200
-    buffer = ffi.new("uint8_t[]", bytes([poison]) * room)
-    used = format_.encode(values, buffer, room)
-    written = ffi.buffer(buffer)[:room]
-    assert written[used:] == bytes([poison]) * (room - used)
-    return bytes(written[:used])
