@@ -28,10 +28,11 @@ typedef enum {
 
 enum {
     GAP8_SLOTS = 3,
-    GAP8_PAIRS_MAX = 512,   ///< kept between two frames; more are counted as lost
-    GAP8_QUEUE_PACKETS = 4, ///< small replies waiting for SPI
-    GAP8_QUEUE_DATA = 64,   ///< longest small reply
-    GAP8_ECHO_HALF = 32,    ///< the smallest delay is of the newest so many echoes, or up to twice as many
+    GAP8_PAIRS_MAX = 512,      ///< kept between two frames; more are counted as lost
+    GAP8_QUEUE_PACKETS = 4,    ///< small replies waiting for SPI
+    GAP8_QUEUE_DATA = 64,      ///< longest small reply
+    GAP8_ECHO_HALF = 32,       ///< the smallest delay is of the newest so many echoes, or up to twice as many
+    GAP8_ECHO_UNANSWERED = 16, ///< questions in a row without a good answer: what was found is forgotten
     GAP8_CAMERA_TIMEOUT_US =
         500000, ///< a capture that takes this longer than twice its exposure and readout has failed
     GAP8_CAMERA_COMMAND_BYTES =
@@ -90,6 +91,7 @@ typedef struct {
     uint32_t
         sum_us[2];    ///< smallest delay there and back: of the half window under way, and of the one before
     uint8_t count[2]; ///< echoes in each
+    uint8_t unanswered; ///< questions since the last good answer
 } gap8_echo_t;
 
 typedef struct {

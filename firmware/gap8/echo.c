@@ -13,14 +13,26 @@ enum {
     KNOWN_US = (int)((ECHO_QUESTION_WIRE_NS + CLOCK_STAMP_WIRE_NS) / 1000),
 };
 
+/// What was found of another epoch, or of a wire on which nobody answers any more.
+static void forget(gap8_t *self) {
+    gap8_echo_t *echo = &self->echo;
+    if (self->clock.young || self->clock.expired || echo->unanswered >= GAP8_ECHO_UNANSWERED) {
+        echo->count[0] = 0;
+        echo->count[1] = 0;
+    }
+}
+
 void gap8_echo_ask(gap8_t *self, uint64_t up_us) {
     gap8_echo_t *echo = &self->echo;
+    forget(self);
     if (self->config.firmware != GAP8_NATIVE || self->config.echo_period_us == 0 || up_us < echo->next_us ||
         echo->left > 0) {
         return;
     }
     echo->next_us = up_us + self->config.echo_period_us;
     echo->waits = false;
+    echo->unanswered =
+        (uint8_t)(echo->unanswered < GAP8_ECHO_UNANSWERED ? echo->unanswered + 1 : GAP8_ECHO_UNANSWERED);
     echo->number++;
     echo->left = ECHO_QUESTION_BYTES;
     echo_question_encode(echo->number, echo->question);
@@ -83,10 +95,12 @@ void gap8_echo_take(gap8_t *self, const echo_answer_t *answer, uint64_t stamp_us
     const uint32_t sum = sum_us > 0 ? (uint32_t)sum_us : 0;
     echo->sum_us[0] = echo->count[0] == 0 || sum < echo->sum_us[0] ? sum : echo->sum_us[0];
     echo->count[0]++;
+    echo->unanswered = 0;
 }
 
-void gap8_echo_set(const gap8_t *self, native_frame_t *header) {
+void gap8_echo_set(gap8_t *self, native_frame_t *header) {
     const gap8_echo_t *echo = &self->echo;
+    forget(self);
     header->echoes = (uint32_t)echo->count[0] + echo->count[1];
     if (header->echoes == 0) {
         return;

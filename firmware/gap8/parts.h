@@ -33,7 +33,7 @@ size_t gap8_echo_transmit(gap8_t *self, bytes_mut_t out, uint64_t stamp_us);
 void gap8_echo_take(gap8_t *self, const echo_answer_t *answer, uint64_t stamp_us);
 
 /// The smallest delay into the header of a frame.
-void gap8_echo_set(const gap8_t *self, native_frame_t *header);
+void gap8_echo_set(gap8_t *self, native_frame_t *header);
 
 /// The times of a frame that has ended now, into the slot's header of its firmware.
 void gap8_times_set(gap8_t *self, uint64_t stamp_us, gap8_slot_t *slot);

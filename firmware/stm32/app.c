@@ -174,7 +174,7 @@ int stm32_receive(stm32_t *self, stm32_port_t port, bytes_t in, instant_t now) {
         self->crtp_ignored += in.size > 0 && stm32_crtp(self, in, now) ? 0 : 1;
     }
     for (size_t i = 0; port == STM32_PORT_UART1 && i < in.size; i++) {
-        stm32_echo_hear(self, in.data[i], now.stamp_us);
+        stm32_echo_hear(self, in.data[i], now);
     }
     for (size_t i = 0; port == STM32_PORT_UART2 && i < in.size; i++) {
         cpx_packet_t packet;
@@ -202,7 +202,7 @@ static void begin_stamp(stm32_t *self, instant_t now) {
 
 /// Between two stamps. False: nobody has asked.
 static bool begin_answer(stm32_t *self, instant_t now) {
-    const uint8_t size = stm32_echo_answer(self, now.stamp_us);
+    const uint8_t size = stm32_echo_answer(self, now);
     if (size == 0) {
         return false;
     }

@@ -66,7 +66,7 @@ typedef struct {
     uint8_t heard[5]; ///< the last bytes from the GAP8
     bool waits;
     uint8_t number;
-    uint64_t received_us; ///< stamp clock
+    instant_t received; ///< its last stop bit
 } stm32_echo_t;
 
 typedef struct {

@@ -14,10 +14,11 @@ void stm32_send(stm32_t *self, uint8_t destination, uint8_t function, bytes_t da
 uint8_t stm32_message(stm32_t *self, instant_t now);
 
 // echo.c
-/// A byte from the GAP8; its stop bit came at `stamp_us`.
-void stm32_echo_hear(stm32_t *self, uint8_t byte, uint64_t stamp_us);
-/// Writes the answer that begins to leave now into self->stamp and returns its size; 0: there is none.
-uint8_t stm32_echo_answer(stm32_t *self, uint64_t stamp_us);
+/// A byte from the GAP8, whose stop bit has just come.
+void stm32_echo_hear(stm32_t *self, uint8_t byte, instant_t now);
+/// Writes the answer that begins to leave now into self->stamp and returns its size; 0: there is none, or the
+/// stamp clock was set since the question.
+uint8_t stm32_echo_answer(stm32_t *self, instant_t now);
 
 // rows.c
 /// Makes the rows of the log that are due.

@@ -68,6 +68,26 @@ def test_only_the_last_question_is_answered_once() -> None:
     assert line(app, 2_000, size=50) == answer(3, 2_000)
 
 
+@pytest.mark.parametrize("stamp_us", [1490, 1507, 1470])
+def test_an_answer_says_how_long_its_clock_says_it_was_held(stamp_us: int) -> None:
+    """As long as it runs as its uptime does, or counts 84 of 85."""
+    app = App("stm32")
+    line(app, 0)
+    app.receive("UART1", question(7), 8_509, 700_000)
+    assert line(app, 9_999, 700_000 + stamp_us) == answer(7, 700_000, stamp_us)
+
+
+@pytest.mark.parametrize("stamp_us", [1517, 1460, 0, -300, 2**40])
+def test_a_clock_set_since_the_question_leaves_it_without_an_answer(stamp_us: int) -> None:
+    """Else a clock set on by less than the delays would make them seem so much smaller."""
+    app = App("stm32")
+    line(app, 0)
+    app.receive("UART1", question(7), 8_509, 700_000)
+    assert line(app, 9_999, 700_000 + stamp_us) == b""
+    app.receive("UART1", question(8), 9_999, 800_000)
+    assert line(app, 9_999, 800_000) == answer(8, 800_000), "the next one has one"
+
+
 @pytest.mark.parametrize("bit", range(40))
 def test_a_damaged_question_is_none(bit: int) -> None:
     app = App("stm32")
@@ -142,13 +162,38 @@ def test_the_smallest_of_the_window_counts_and_is_forgotten_with_it() -> None:
     assert told(app, BEGIN_US + 649_000) == (300, 304, 33)
 
 
+def test_it_is_forgotten_when_nobody_answers_any_more() -> None:
+    app = settled(10_000)
+    echo(app, 1000)
+    echo(app, 900, at_us=BEGIN_US + 10_000)
+    for n in range(2, 17):
+        echo(app, 100, at_us=BEGIN_US + n * 10_000, number=1)
+    assert told(app, BEGIN_US + 169_000) == (450, 454, 2), "15 answers to another question"
+    echo(app, 100, at_us=BEGIN_US + 170_000, number=1)
+    assert told(app, BEGIN_US + 175_000) == (0, 0, 0)
+    echo(app, 1200, at_us=BEGIN_US + 180_000)
+    assert told(app, BEGIN_US + 189_000) == (600, 604, 1)
+
+
+def test_it_is_forgotten_with_its_epoch_and_without_stamps() -> None:
+    app = settled()
+    echo(app, 1000)
+    at_us = BEGIN_US + 10_000
+    app.receive("UART1", stamp(151, 0, epoch=1), at_us, at_us)
+    assert told(app) == (0, 0, 0)
+    app = settled()
+    echo(app, 1000)
+    assert told(app, BEGIN_US + 9_990_000)[2] == 1
+    assert told(app, BEGIN_US + 10_010_000)[2] == 0
+
+
 def test_answers_to_other_questions_and_second_ones_mean_nothing() -> None:
     app = settled()
     echo(app, 10, number=1)
     assert told(app)[2] == 0
     echo(app, 1000, at_us=BEGIN_US + 1_000_000)
     app.receive("UART1", answer(app.echo.number, 5), BEGIN_US, BEGIN_US)
-    assert told(app) == (500, 504, 1)
+    assert told(app, BEGIN_US + 1_020_000) == (500, 504, 1)
     assert app.stamp_rx.answers == 3
 
 
@@ -159,7 +204,7 @@ def test_what_cannot_be_is_left_out(sum_us: float) -> None:
     echo(app, sum_us)
     assert told(app)[2] == 0
     echo(app, 0, at_us=BEGIN_US + 3_000_000)
-    assert told(app) == (0, 4, 1)
+    assert told(app, BEGIN_US + 3_020_000) == (0, 4, 1)
 
 
 def test_a_hold_longer_than_the_round_trip_is_left_out() -> None:
