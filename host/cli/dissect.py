@@ -228,7 +228,7 @@ def print_piece(piece: Piece, name: str, meaning: Meaning, data: bytes, brief: b
 
 
 def headline(piece: Piece, name: str, meaning: Meaning) -> str:
-    from ..protocol.explain import TARGETS
+    from ..protocol.explain import target
 
     if piece.kind != "packet":
         return f"{piece.kind}{': ' * bool(meaning.about)}{meaning.about}"
@@ -237,7 +237,7 @@ def headline(piece: Piece, name: str, meaning: Meaning) -> str:
     if route.version:
         marks.append(f"version {route.version}")
     notes = f" ({', '.join(marks)})" if marks else ""
-    return f"{TARGETS[route.source]} to {TARGETS[route.destination]}, {name}{notes}: {meaning.about}"
+    return f"{target(route.source)} to {target(route.destination)}, {name}{notes}: {meaning.about}"
 
 
 def field_lines(each: Field) -> Iterator[str]:

@@ -52,6 +52,11 @@ UART_PIECE = 98
 """Longer data comes in pieces of this size on UART2."""
 
 
+def target(number: int) -> str:
+    """Who it is. A frame on UART2 with a good check may name nobody."""
+    return TARGETS.get(number, f"nobody ({number})")
+
+
 @dataclass
 class Explainer:
     """`framing` says whether messages may come in pieces; `show_keys` whether the key of a network is shown."""
@@ -127,7 +132,7 @@ class Explainer:
             data, waits = self.join(ends, route.last_packet, data)
             if waits:
                 return Meaning(f"a message in pieces, {len(self.joined)} bytes so far")
-        if TARGETS[route.source] == "GAP8" and TARGETS[route.destination] == "HOST":
+        if (target(route.source), target(route.destination)) == ("GAP8", "HOST"):
             left = self.image_bytes - self.image_got
             for about, struct in HEADERS.items():
                 header = None if len(data) == left else parsed_or_none(struct, data)
@@ -138,7 +143,7 @@ class Explainer:
                 return self.stock_body(len(data))
         if len(data) >= 2 and data[0] == 0x4E:
             return self.native(data)
-        if TARGETS[route.destination] == "GAP8":
+        if target(route.destination) == "GAP8":
             settings = parsed_or_none(paper.CAMERA, data)
             if settings is not None:
                 return Meaning("camera settings of the paper's firmware", list(fields_of(paper.CAMERA, settings)))

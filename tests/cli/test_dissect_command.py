@@ -105,6 +105,21 @@ def test_garbage_is_printed_and_an_error_of_who_sent_it() -> None:
     assert err.endswith("Read as stamps; they look like cpx-uart: --framing cpx-uart\n")
 
 
+def test_a_frame_with_a_good_check_to_or_from_nobody() -> None:
+    for route, ends in (
+        ("30 05", "nobody (6) to nobody (0)"),
+        ("23 05", "GAP8 to HOST"),
+        ("07 05", "nobody (0) to nobody (7)"),
+    ):
+        frame = bytearray.fromhex(f"ff 04 {route} 4e 02")
+        check = 0
+        for byte in frame:
+            check ^= byte
+        code, out, err = dissect("-", "--framing", "cpx-uart", "--brief", stdin=bytes([*frame, check]))
+        assert code == 0, err
+        assert out.splitlines()[0].split(maxsplit=2)[2].startswith(f"{ends}, APP: ")
+
+
 @pytest.mark.parametrize("stdin", [CONNECT + b"hello", b"hello" + CONNECT, CONNECT[:4], bytes(40)])
 def test_what_makes_some_sense_is_no_error(stdin: bytes) -> None:
     assert dissect("-", stdin=stdin)[0] == 0

@@ -66,6 +66,7 @@ FRAGMENTS = st.sampled_from(
     [
         *(tcp(HEADER), CONNECT, tcp(b"\x4e\x02abcdef"), tcp(b"hi\0", b"\x63\x02"), tcp(b"x", b"\x63\x45")),
         *(uart(b"hi", b"\x51\x04"), b"\xff\x00", uart(bytes(98), b"\x23\x05"), b"\xff\x62\xff", STAMP, STAMP[:9]),
+        uart(b"\x4e\x02", b"\x30\x05"),  # from nobody to nobody
         *(bytes(8), bytes.fromhex("03 00 54 0f 06 00 00 00"), b"\x4e", b"\xfe\x03\x63\x05"),
     ]
 )
