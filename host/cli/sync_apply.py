@@ -25,7 +25,9 @@ def is_recording(out: str) -> bool:
 
 
 def check(recording: str, out: str) -> None:
-    """LocalError: it would take the place of the recording, --force or not."""
+    """LocalError: it is neither, or would take the place of the recording, --force or not."""
+    if Path(out).suffix not in (".csv", ".mcap"):
+        raise LocalError(f"{out}: its ending chooses the format: .csv, .mcap")
     if Path(out).exists() and Path(recording).exists() and Path(out).samefile(recording):
         raise LocalError(f"{out}: that is the recording, which is only read: name another file")
 

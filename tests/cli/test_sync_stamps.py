@@ -163,6 +163,12 @@ def test_nanocockpit_is_repaired_to_its_tick(tmp_path: Path, capsys: pytest.Capt
     assert 500 < said["bound_us_median"] < 2000
 
 
+@pytest.mark.parametrize("out", ["times.txt", "times", "times.svg", "times.CSV.gz"])
+def test_another_ending_is_no_csv_by_another_name(tmp_path: Path, capsys: pytest.CaptureFixture[str], out: str) -> None:
+    assert main(["sync", "stamps", str(tmp_path / "none.mcap"), "--apply", str(tmp_path / out)]) == 2
+    assert capsys.readouterr().err.endswith(f"{out}: its ending chooses the format: .csv, .mcap\n")
+
+
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = record(tmp_path, "sim://hover?pace=max&seed=7", "3")
     out = tmp_path / "times.csv"
