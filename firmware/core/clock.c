@@ -57,6 +57,8 @@ static void begin_epoch(clock_track_t *self, uint64_t stm32_us, uint64_t gap8_us
     self->anchor_stm32_us = stm32_us;
     self->anchor_gap8_us = gap8_us;
     self->begin_gap8_us = gap8_us;
+    self->used_stm32_us = stm32_us;
+    self->used_gap8_us = gap8_us;
     self->line = (clock_line_t){0, self->skewed ? self->skew_q31 : 0};
     self->window_us = 0;
     self->window_count = 0;
@@ -122,6 +124,14 @@ static reading_t read_at(const clock_track_t *self, uint64_t stm32_us, uint64_t 
     return (reading_t){after_us, ahead_us, ahead_us * Q8 - line_at(&self->line, after_us)};
 }
 
+/// A difference in 32 bits does not see the high ones. They are right, or a clock of 32 or 48 has wrapped.
+static bool follows(uint64_t used_us, uint64_t stm32_us) {
+    const uint64_t due_us = used_us + (uint64_t)(int64_t)passed(used_us, stm32_us);
+    const uint64_t over_us = due_us - stm32_us;
+    const bool wraps = over_us == (uint64_t)1 << 32 || over_us == (uint64_t)1 << 48;
+    return over_us == 0 || (wraps && used_us < over_us && stm32_us < (uint64_t)1 << 31);
+}
+
 /// A message of another epoch, or damaged.
 static void hold(clock_track_t *self, uint64_t stm32_us, uint64_t gap8_us) {
     self->dropped++;
@@ -185,7 +195,8 @@ void clock_track_take(clock_track_t *self, uint64_t stm32_us, uint64_t gap8_us, 
     reading_t reading = read_at(self, stm32_us, gap8_us);
     const int64_t early_us =
         self->fitted ? 2 * (int64_t)((self->noise_q8 + self->wander_q8) / Q8) + EARLY_US : LATE_US;
-    if (reading.above_q8 > early_us * Q8 || reading.above_q8 < -(int64_t)LATE_US * Q8) {
+    if (reading.above_q8 > early_us * Q8 || reading.above_q8 < -(int64_t)LATE_US * Q8 ||
+        !follows(self->used_stm32_us, stm32_us)) {
         hold(self, stm32_us, gap8_us);
         return;
     }

@@ -139,12 +139,14 @@ def fit(all_: Sorted, epoch: Epoch, coarse_us: float, wire_us: float) -> Fitted:
     drift = slope / (1 - slope * 1e-6)
     step_s = max(float(np.median(np.diff(curve.time_s))), 1e-3)
     even = step_s * np.arange(int(curve.time_s[-1] / step_s), dtype=np.float64)
-    late = [float(offset[k] - curve.at(time_s[k : k + 1] if k == 0 else time_s[k:])[0]) for k in (0, -1)]
-    sent = (float(gap8[0]) - max(late[0], 0) - wire_us, float(gap8[-1]) - max(late[1], 0) - wire_us)
+    # A message that came too early, before the others of an epoch, was sent before the clock was set for the last time.
+    ends = made.kept[[0, -1]]
+    late = np.maximum(offset[ends] - curve.at(time_s[ends]), 0)
+    first, last = (gap8[ends] - late - wire_us).tolist()
     is_slow = abs(drift - SLOW_PPM) < abs(drift)
     wire_stm32_us = wire_us * (SLOW if is_slow else 1)
     return Fitted(
-        epoch, int(all_.message_boot[epoch.messages[0]]), begin, base, sent, made, drift,
+        epoch, int(all_.message_boot[epoch.messages[0]]), begin, base, (first, last), made, drift,
         is_slow, wire_stm32_us, allan_deviation(curve.at(even), step_s),
     )  # fmt: skip
 

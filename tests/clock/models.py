@@ -154,14 +154,35 @@ def take(run: Run, order: NDArray[np.intp] | NDArray[np.bool_]) -> Run:
     )
 
 
+LEAP_BEFORE_US = 5_000
+"""The first message that has a leap in it was sent so long after it: half of the time between two."""
+
+
 def stm32_leap(run: Run, at: int, by_us: int) -> Run:
-    """From that message on the STM32's clock is another by so much; so is the truth of the frames after it was sent,
-    less half the 10 ms in which the leap may have been."""
-    from_us = run.sent_us[at] - 5_000
+    """From that message on the STM32's clock is another by so much; so is the truth of the frames from
+    LEAP_BEFORE_US before it was sent."""
+    from_us = run.sent_us[at] - LEAP_BEFORE_US
     return replace(
         run,
         stm32_us=run.stm32_us + by_us * (np.arange(len(run.stm32_us)) >= at),
         frame_true_us=run.frame_true_us + by_us * (run.frame_us >= from_us),
+    )
+
+
+def stm32_resets(run: Run, at: int, times: int, apart_us: int) -> Run:
+    """A broadcast that sets the STM32's clock to 0 just before that message is sent, and is repeated."""
+    first_us = run.sent_us[at] - LEAP_BEFORE_US
+    last_us = first_us + (times - 1) * apart_us
+
+    def since_us(true_us: Floats, was_us: NDArray[np.float64] | Ints) -> Floats:
+        """The clock at that true time, which was another before."""
+        set_us = first_us + np.floor((np.clip(true_us, first_us, last_us) - first_us) / apart_us) * apart_us
+        return np.where(true_us >= first_us, true_us - set_us, was_us)
+
+    return replace(
+        run,
+        stm32_us=np.floor(since_us(run.sent_us, run.stm32_us)).astype(np.int64),
+        frame_true_us=since_us(run.frame_us, run.frame_true_us),
     )
 
 
@@ -198,6 +219,15 @@ def swapped(run: Run, share: float, seed: int) -> Run:
 def glitches(run: Run, at: list[int], by_us: int) -> Run:
     stm32_us = run.stm32_us.copy()
     stm32_us[at] += by_us
+    return replace(run, stm32_us=stm32_us)
+
+
+def damaged(run: Run, share: float, seed: int) -> Run:
+    """One bit of the time of some messages is another, and their check did not see it."""
+    random = np.random.default_rng(seed)
+    hit = np.flatnonzero(random.random(len(run.stm32_us)) < share)
+    stm32_us = run.stm32_us.copy()
+    stm32_us[hit] ^= np.int64(1) << random.integers(0, 63, len(hit))
     return replace(run, stm32_us=stm32_us)
 
 

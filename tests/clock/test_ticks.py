@@ -84,6 +84,15 @@ def test_nothing_wrong_passes(name: str) -> None:
             assert dropped == got.sorted.dropped
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_frames_among_repeated_resets_are_refused(seed: int) -> None:
+    """The first message of the new epoch left before the last of them: the clock that it tells of is gone."""
+    made = models.stm32_resets(run(replace(LINK, fps=200), seed), AT, 15, 1_000)
+    got = stamped(made)
+    assert (np.abs(got.stm32_us - made.frame_true_us[got.frame]) <= 2 * got.bound_us).all()
+    assert 2 <= len(got.refused) <= 6
+
+
 @pytest.mark.parametrize(("ppm", "worst_us"), [(50, 60), (-50, 60), (2000, 800), (-2000, 800)])
 def test_steps_of_the_rate(ppm: float, worst_us: float) -> None:
     made = run(replace(LINK, rate_step_ppm=ppm), 5)

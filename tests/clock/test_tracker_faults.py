@@ -8,7 +8,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from models import Link, Run, backlog, duplicates, gap8_reboot, glitches, run, silence, stm32_leap, stuck, swapped
+from models import (
+    Link,
+    Run,
+    backlog,
+    damaged,
+    duplicates,
+    gap8_reboot,
+    glitches,
+    run,
+    silence,
+    stm32_leap,
+    stuck,
+    swapped,
+)
 from track import Tracked, tracked
 
 from host.native import lib
@@ -72,6 +85,7 @@ CASES = {
     "damaged, and the check passes": Case(
         lambda made, seed: glitches(made, [*range(100 + seed, 6000, 256)], 123_456_789), flagged=0.05
     ),
+    "any bit of the time damaged": Case(lambda made, seed: damaged(made, 1 / 256, seed), flagged=0.05),
     "40 ms late each second": Case(
         link=Link("presc85", 500, SECONDS, delay_us=lambda t: np.where(t % 1 < 0.04, 4e4 - t % 1 * 1e6, 0))
     ),
