@@ -39,6 +39,8 @@ def repeat(world: World, records: list[Record]) -> None:
             robot.read(record["size"])
             if record["last"]:
                 held.discard(robot.index)
+        elif record["do"] == "broadcast":
+            world.broadcast(bytes.fromhex(record["hex"]))
         elif record["do"] != "end":
             robot.repeat(record["do"], arguments)
 

@@ -226,6 +226,12 @@ class World:
         with self.lock:
             return take(self.kernel)
 
+    def broadcast(self, packet: bytes) -> None:
+        """A host sends this CRTP packet to all robots by radio, now: each hears it, later, or does not (radio_*)."""
+        with self.lock:
+            self.radio.broadcast(self.now_ns, packet)
+            self.did("broadcast", hex=packet.hex())
+
     def did(self, do: str, **arguments: Any) -> None:
         """After something was done to this world from outside: logs it, and lets happen what is due at this instant.
 

@@ -64,6 +64,8 @@ RULES: list[tuple[str, set[str], set[str]]] = [
         IO,
     ),
     ("host.firmware", {"host.firmware", "host.protocol.errors"}, IO - {"subprocess"} | {"numpy"}),
+    ("host.radio.dongle", {"host.radio", "host.protocol"}, set()),
+    ("host.radio", {"host.radio", "host.protocol", "host.native"}, IO | {"usb"}),
     ("host.usd", {"host.usd", "host.native", "host.protocol.errors"}, IO),
     ("host.clock", {"host.clock", "host.native", "host.protocol.errors"}, IO),
     ("host.cli", {"host", "sim"}, set()),

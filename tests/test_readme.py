@@ -16,6 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent / "usd"))
 
 from logs import FIXED, STATUS, TYPES, Writer
 
+from host.cli import parser
+
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -191,6 +193,23 @@ def test_robots_that_heard_beacons(tmp_path: Path) -> None:
     result = host(*shlex.split(compare, comments=True), cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "card.2.img:/log00 against card.1.img:/log00" in result.stdout
+
+
+def test_beacons_to_simulated_robots(tmp_path: Path) -> None:
+    """The line without a dongle, as it is, and the one that compares the logs; the others' options exist."""
+    pytest.importorskip("fatfs", reason="fatfs-ng is not installed: pip install 'spindeck[card]'")
+    commands = re.findall(r"^\.venv/bin/host (sync beacons .*)$", README, re.MULTILINE)
+    (simulated,) = (each for each in commands if "sim://" in each)
+    assert len(commands) == 3
+    for command in commands:
+        parser().parse_args(shlex.split(command, comments=True))
+    sent = host(*shlex.split(simulated, comments=True), cwd=tmp_path)
+    assert sent.returncode == 0, sent.stderr
+    assert "240 beacons sent, 0 that the dongle did not take" in sent.stdout
+    (compare,) = re.findall(r"^\.venv/bin/host (sync robots host00 .*)$", README, re.MULTILINE)
+    result = host(*shlex.split(compare, comments=True), cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "card.1.img:/log00 against host00" in result.stdout
 
 
 def test_the_two_commands_exist() -> None:

@@ -1,4 +1,4 @@
-"""`host sync`: one clock's times on another, from recordings and logs."""
+"""`host sync`: one clock's times on another, from recordings and logs; and the beacons that make that possible."""
 
 from __future__ import annotations
 
@@ -83,13 +83,29 @@ examples:
   host sync mocap log00 --source estPose --plot lag.svg --json
 """
 
+BEACONS_EXAMPLES = """\
+PORT is a Crazyradio (PA or 2.0) on the robots' channel, radio://DONGLE/CHANNEL/RATE: which of those plugged in, from 0,
+or its serial number; 0 to 100; 1M or 2M. It needs pyusb (pip install 'spindeck[radio]') and a dongle of its own: a
+program that flies robots keeps its. All robots on that channel hear; those whose app logs beacons (docs/DESIGN.md) have
+on:beacon in config.txt. sim://SCENARIO sends to simulated robots, without a dongle.
+
+FILE is the host's own log, as a µSD log with its clock: what was sent, and when the dongle had it. Given to 'host sync
+robots' beside the robots' logs, it takes the way to the dongle off their offsets to the host. Robots against each other
+need it not. Ctrl-C, or a dongle that is pulled out, ends the log: what was sent is in it.
+
+examples:
+  host sync beacons --port radio://0/80/2M --log host00
+  host sync beacons --port radio://0/80/2M --hz 1 --duration 1800 --reset
+  host sync beacons --port sim://swarm --duration 10
+"""
+
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declares the command, its subcommands and their options."""
     this = commands.add_parser(
         "sync",
-        help="work out times on another clock afterwards",
-        description="Work out times on another clock afterwards, from recordings and logs.",
+        help="work out times on another clock afterwards; send beacons for it",
+        description="Work out times on another clock afterwards, from recordings and logs; send beacons for it.",
     )
     verbs = this.add_subparsers(dest="verb", metavar="VERB", title="verbs", required=True)
     stamps = add_verb(verbs, "stamps", run_stamps, "give each frame of a recording its STM32 time", STAMPS_EXAMPLES)
@@ -118,6 +134,12 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     robots.add_argument("--plot", metavar="FILE", help="draw what is left of each, and the bounds: .svg or .png")
     robots.add_argument("--force", action="store_true", help="overwrite FILE")
     robots.add_argument("--variable", metavar="NAMES", help="what was broadcast: variables, joined by commas")
+    beacons = add_verb(verbs, "beacons", run_beacons, "broadcast this host's clock to all robots", BEACONS_EXAMPLES)
+    beacons.add_argument("--port", metavar="PORT", required=True, help="radio://DONGLE/CHANNEL/RATE, or sim://SCENARIO")
+    beacons.add_argument("--hz", metavar="N", type=float, default=4.0, help="so many a second, 1 to 10 (default 4)")
+    beacons.add_argument("--duration", metavar="S", type=float, help="end after S seconds; without it, with Ctrl-C")
+    beacons.add_argument("--reset", action="store_true", help="first set the clocks of all that hear it to 0, once")
+    beacons.add_argument("--log", metavar="FILE", help="what was sent and when, in a new file")
     camera = add_verb(verbs, "camera", run_camera, "compare frames with the gyro's log of their robot", CAMERA_EXAMPLES)
     camera.add_argument("file", metavar="REC", help="a recording (host stream --record)")
     camera.add_argument("log", metavar="LOG", help="the µSD log of the same robot and run")
@@ -159,6 +181,12 @@ def run_robots(arguments: argparse.Namespace) -> int:
     from . import sync_robots
 
     return sync_robots.run(arguments)
+
+
+def run_beacons(arguments: argparse.Namespace) -> int:
+    from . import sync_send
+
+    return sync_send.run(arguments)
 
 
 def run_gyro(arguments: argparse.Namespace) -> int:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..clock.beacons import BEACONS_MIN, Against, Between, against_host, between, collect
 from ..protocol.errors import PeerError
+from ..usd.host_log import EVENT as SENT
 from ..usd.log import Log
 from . import sync_resets
 from .as_json import line
@@ -23,8 +24,17 @@ VALUES = ("sequence", "hostUs", "hostUsHigh")
 
 
 def has_beacons(log: Log) -> bool:
-    rows = log.rows.get(EVENT)
+    rows = log.rows.get(event_of(log))
     return rows is not None and len(rows) > 0 and set(VALUES) <= set(rows.data.dtype.names or ())
+
+
+def event_of(log: Log) -> str:
+    """What a robot has heard; of a host's own log, what it has sent."""
+    return SENT if is_host(log) else EVENT
+
+
+def is_host(log: Log) -> bool:
+    return EVENT not in log.rows and SENT in log.rows
 
 
 def compare(labels: Sequence[str], logs: Sequence[Log], arguments: argparse.Namespace, draw: Draw | None) -> int:
@@ -43,8 +53,10 @@ def compare(labels: Sequence[str], logs: Sequence[Log], arguments: argparse.Name
         print("\n".join(lines(labels, fits, pairs)))
     if draw:
         draw(by_beacons(labels, fits), 3)
-    if arguments.reset or sync_resets.were_reset(logs):
-        sync_resets.tell(labels, logs, [zero(*each) for each in zip(fits, logs, strict=True)], arguments)
+    robots = [number for number, log in enumerate(logs) if not is_host(log)]
+    own, names = [logs[each] for each in robots], [labels[each] for each in robots]
+    if arguments.reset or sync_resets.were_reset(own):
+        sync_resets.tell(names, own, [zero(fits[each], logs[each]) for each in robots], arguments)
     return 0
 
 
@@ -61,7 +73,7 @@ def zero(fit: Against, log: Log) -> tuple[float, float]:
 
 def against(label: str, log: Log) -> Against:
     """By the beacons of the epoch that has most of them: between two resets of the robot's clock."""
-    rows = log.rows[EVENT]
+    rows = log.rows[event_of(log)]
     part = rows.epochs[epoch_of(log)]
     mine = slice(part.start, part.stop)
     sequence, low, high = (rows.data[name][mine].astype(np.int64) for name in VALUES)
@@ -76,7 +88,7 @@ def against(label: str, log: Log) -> Against:
 
 
 def epoch_of(log: Log) -> int:
-    parts = log.rows[EVENT].epochs
+    parts = log.rows[event_of(log)].epochs
     return max(range(len(parts)), key=lambda number: len(parts[number]))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..native import check, ffi, lib
 from .errors import LocalError
-from .packets import CameraSettings, CpxPacket, Route, StampMessage, StreamRequest
+from .packets import Beacon, CameraSettings, CpxPacket, Route, StampMessage, StreamRequest
 
 ENCODINGS = {"raw": lib.IMAGE_RAW, "jpeg": lib.IMAGE_JPEG}
 
@@ -31,6 +31,7 @@ RANGES = {
         "exposure_lines": "2..65535",
         "frame_period_us": "0..10000000",
     },
+    "beacon_t": {"sequence": "0..4294967295", "host_us": "0..18446744073709551615"},
     "paper_camera_t": {"exposure_lines": "2..532", "frame_period_us": "0: the paper's firmware has no frame rate"},
 }
 """What a caller is told about a field; the C judges."""
@@ -122,6 +123,13 @@ def encode_nanocockpit_reply(frame_gap8_us: int, frame_id: int) -> bytes:
     head = ffi.new("uint8_t[]", lib.NANOCOCKPIT_BEGIN_BYTES)
     lib.nanocockpit_begin_encode(begin, head)
     return bytes(head) + bytes(reply)
+
+
+def encode_beacon(beacon: Beacon) -> bytes:
+    """A CRTP packet, for a broadcast by radio."""
+    out = ffi.new("uint8_t[]", lib.BEACON_BYTES)
+    lib.beacon_encode(_fill("beacon_t", {"sequence": beacon.sequence, "host_us": beacon.host_us}), out)
+    return bytes(out)
 
 
 def _view(data: bytes, offset: int) -> Any:

@@ -57,3 +57,15 @@ class CameraSettings:
     """2..65535; where automatic exposure starts, if that is on."""
     frame_period_us: int = 0
     """From burst to burst, at most 10 s; 0: as fast as it goes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Beacon:
+    """To all robots at once: the host's clock."""
+
+    sequence: int
+    host_us: int
+
+
+RESET_CLOCKS = b"\x23\0usec\0reset\0\x08\x01"
+"""Likewise: a CRTP packet that sets the parameter usec.reset, a u8, to 1 by its name."""
