@@ -92,3 +92,16 @@ def test_a_full_disk_is_no_bug() -> None:
     assert result.returncode == 2
     assert "No space left" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("redirected", "code"), [(">&-", 0), ("<&- >&- 2>&-", 0), ("--framing stamps >&- 2>&-", 4), ("- <&-", 2)]
+)
+def test_closed_streams_are_no_bug(redirected: str, code: int, tmp_path: Path) -> None:
+    capture = tmp_path / "capture.bin"
+    capture.write_bytes(bytes.fromhex("ff 04 0a 04 20 01 d4") * 3)
+    file = "" if redirected.startswith("- ") else str(capture)
+    command = f"{sys.executable} -m host dissect {file} {redirected}"
+    result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert result.returncode == code, result.stderr
+    assert "Traceback" not in result.stderr
