@@ -119,7 +119,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="write the time of the middle of this row's exposure too (row_stm32_us, of native frames): its number, "
         "or first, middle, last",
     )
-    stamps.add_argument("--plot", metavar="FILE", help="draw delays, drift and bound: .svg or .png")
+    stamps.add_argument("--plot", metavar="FILE", help="draw delays, drift, bound and flags: .svg or .png")
     stamps.add_argument("--force", action="store_true", help="overwrite OUT and FILE")
     robots = add_verb(verbs, "robots", run_robots, "compare the clocks of robots by their logs", ROBOTS_EXAMPLES)
     robots.add_argument("files", metavar="LOG", nargs="+", help="µSD logs of one run, two or more")

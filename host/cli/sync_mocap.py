@@ -24,7 +24,7 @@ SOURCES = ("estPose", "stateEstimate", "stateEstimateZ")
 
 def run(arguments: argparse.Namespace) -> int:
     """4 if nothing is known of any."""
-    from .sync_mocap_plot import shapes
+    from .sync_mocap_plot import SHOWN, shapes
     from .sync_plot import new_picture
 
     with new_picture(arguments.plot, arguments.force) as draw:
@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
         if not known:
             raise PeerError(f"{arguments.file}: no lag is known: {'; '.join(why(each) for each in found.values())}")
         if draw:
-            draw(shapes(known), 3)
+            draw(shapes(known), 1 + min(len(known), SHOWN))
     return 0
 
 

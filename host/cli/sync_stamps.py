@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
                 continue
             times[robot] = sync_apply.restamped(source, result)
             if draw:
-                draw(shapes(result), 3)
+                draw(*shapes(result, source.own_flags))
         if (table or draw) and not times:
             raise PeerError(f"{arguments.file}: no frame can be given a time, so nothing was written")
         if table:
@@ -112,6 +112,7 @@ def as_record(name: str, source: Source, result: Stamped | None) -> dict[str, An
         "wire_us": round(result.wire_us, 1),
         "bound_us_median": median(result.bound_us),
         "own_error_us": own_error(source, result),
+        "own_flags": dict(Counter(name for names in source.own_flags for name in names)),
         "epochs": [epoch_record(result, number) for number in range(len(result.fitted))],
     }
 

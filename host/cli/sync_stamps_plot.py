@@ -1,19 +1,44 @@
-"""The picture of `host sync stamps --plot`: delays, how the clocks drift, and what the frames' bounds are."""
+"""The picture of `host sync stamps --plot`: delays, how the clocks drift, and what the frames' bounds and flags are."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..clock.stamps import Fitted, Stamped
 from ..clock.ticks import Floats
-from ..usd.drawing import Dots, Line, Shape, Words
-from .sync_plot import BLUE, DOTS_MAX, GREEN, LEFT, PANEL, RED, SPACE, TOP, across, panel, scale
+from ..link.assemble import FLAGS
+from ..usd.drawing import Box, Dots, Line, Shape, Words
+from .sync_plot import (
+    BLUE,
+    DOTS_MAX,
+    GREEN,
+    GREY,
+    GRID,
+    LEFT,
+    PANEL,
+    RED,
+    RIGHT,
+    SPACE,
+    TOP,
+    WIDTH,
+    across,
+    panel,
+    scale,
+)
 
 
-def shapes(result: Stamped) -> Iterator[Shape]:
+def shapes(result: Stamped, flags: Sequence[Sequence[str]]) -> tuple[list[Shape], int]:
+    """The picture, and how many panels it has: a fourth one if the robot has flagged a frame."""
+    seen = {name for names in flags for name in names}
+    flagged = {name: [name in names for names in flags] for name in FLAGS if name in seen}
+    count = 4 if flagged else 3
+    return list(drawn(result, flagged, count)), count
+
+
+def drawn(result: Stamped, flagged: dict[str, list[bool]], count: int) -> Iterator[Shape]:
     """Time is the GAP8's, from the first message or frame on; a GAP8 that started anew begins anew at its left."""
     frames_us = result.sorted.frame_gap8_us.astype(np.float64)
     from_us = min(float(frames_us.min()), *(each.sent_us[0] for each in result.fitted))
@@ -35,11 +60,27 @@ def shapes(result: Stamped) -> Iterator[Shape]:
     yield from panel(0, "messages late, us", x(at), late, BLUE, (min(0.0, float(late.min())), high))
     yield from panel(1, "rate less its mean, ppm", x(knots), drift, GREEN)
     yield from panel(2, "bound of frames, ± us (99 %); red: refused", x(given_us), result.bound_us, BLUE)
-    bottom = TOP + 3 * (PANEL + SPACE) - SPACE
-    yield Dots([(float(each), bottom - 4) for each in x(refused_us)][:DOTS_MAX], RED, 4)
+    lowest = TOP + 2 * (PANEL + SPACE) + PANEL - 4
+    yield Dots([(float(each), lowest) for each in x(refused_us)][:DOTS_MAX], RED, 4)
+    if flagged:
+        yield from flags_panel(3, x(frames_us), flagged)
+    bottom = TOP + count * (PANEL + SPACE) - SPACE
     for each in result.fitted[1:]:
         yield Line([(float(x(each.sent_us[0])), TOP), (float(x(each.sent_us[0])), bottom)], RED, dashed=True)
-    yield from scale(2, span_s, "s of the GAP8")
+    yield from scale(count - 1, span_s, "s of the GAP8")
+
+
+def flags_panel(place: int, frames_x: Any, flagged: dict[str, list[bool]]) -> Iterator[Shape]:
+    """A line for each flag, and a dot on it for each frame that has it."""
+    top = TOP + place * (PANEL + SPACE)
+    yield Box(LEFT, top, WIDTH - LEFT - RIGHT, PANEL, "#f8f9fa")
+    for number, (name, has) in enumerate(flagged.items()):
+        level = top + PANEL * (number + 0.5) / len(flagged)
+        yield Line([(LEFT, level), (WIDTH - RIGHT, level)], GRID)
+        yield Words(LEFT - 8, level + 4, name, 10, "end", GREY)
+        at = frames_x[has]
+        yield Dots([(float(each), level) for each in at[:: max(1, len(at) // DOTS_MAX)]], BLUE)
+    yield Words(LEFT, top - 8, "flags that the robot gave its frames' times", 13)
 
 
 def against_stm32(rate_ppm: Floats) -> Floats:

@@ -15,6 +15,8 @@ from ..link.headers import NativeEcho
 from .row import Row
 
 NANOCOCKPIT_WIRE_US = 40 * 10 * 365 / 42
+WHAT_IS_THERE = ("HAS_ESTIMATE", "HAS_BOUND")
+"""Flags that say nothing of what a time is worth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,8 @@ class Source:
     frame_after: np.ndarray[Any, np.dtype[np.int64]]
     own_stm32_us: np.ndarray[Any, np.dtype[np.float64]]
     """The robot's estimates; NaN: none."""
+    own_flags: list[tuple[str, ...]]
+    """What it said of each of them, named as in docs/PROTOCOL.md without FRAME_."""
     before_end_us: np.ndarray[Any, np.dtype[np.float64]]
     """GAP8 time from the middle of the wanted row's exposure to the end of frame; NaN: not told, or no row wanted."""
     readings: Readings
@@ -60,6 +64,7 @@ def read(name: str, robot: int, row: Row | None = None) -> Source:
     gap8: list[int] = []
     after: list[int] = []
     own: list[float] = []
+    flags: list[tuple[str, ...]] = []
     before_end: list[float | None] = []
     readings: list[tuple[int, tuple[int, ...], float | None]] = []
     echo: NativeEcho | None = None
@@ -80,6 +85,7 @@ def read(name: str, robot: int, row: Row | None = None) -> Source:
                 gap8.append((frame.native or frame.nanocockpit).frame_gap8_us)  # type: ignore[union-attr]
                 after.append(messages)
                 own.append(np.nan if frame.frame_stm32_us is None else float(frame.frame_stm32_us))
+                flags.append(flags_of(frame))
                 before_end.append(frame.row_before_end_us(row.of(frame.height)) if row else None)
                 readings.append(reading_of(frame))
                 echo = (frame.native and frame.native.echo) or echo
@@ -94,8 +100,8 @@ def read(name: str, robot: int, row: Row | None = None) -> Source:
         stm32 = stm32 * np.uint64(1000 if in_ms else 1)
     return Source(
         robot, dict(dialects), stm32, arrived, resets, index, numbers, arrivals, np.array(gap8, np.uint64),
-        np.array(after, np.int64), np.array(own), np.array(before_end, np.float64), together(readings), echo,
-        in_ms, WIRE_US if pairs else NANOCOCKPIT_WIRE_US,
+        np.array(after, np.int64), np.array(own), flags, np.array(before_end, np.float64), together(readings),
+        echo, in_ms, WIRE_US if pairs else NANOCOCKPIT_WIRE_US,
     )  # fmt: skip
 
 
@@ -107,6 +113,11 @@ def reading_of(frame: Frame) -> tuple[int, tuple[int, ...], float | None]:
     place = at.frame + counted["captures_late"] + counted["captures_failed"]
     settings = frame.height, at.exposure_lines, at.line_time_ns, at.burst
     return place, settings, at.clock.latency_us if at.clock else None
+
+
+def flags_of(frame: Frame) -> tuple[str, ...]:
+    names = frame.native.flag_names if frame.native else ()
+    return tuple(name for name in names if name not in WHAT_IS_THERE)
 
 
 def together(readings: list[tuple[int, tuple[int, ...], float | None]]) -> Readings:

@@ -147,6 +147,24 @@ def test_the_middle_of_a_row(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert not (tmp_path / "x.csv").exists()
 
 
+def test_flags_are_drawn_over_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = record(tmp_path, "sim://hover?pace=max&seed=7&reset_s=3&uart1_burst_per_s=0.3&uart1_burst_ms=1500", "8")
+    with host.open(f"replay://{path}?pace=max") as stream:
+        told = [frame.native.flag_names for frame in stream if frame.native]
+    cold, lost, reset = (sum(name in names for names in told) for name in ("COLD", "HOLDOVER", "EPOCH_NEW"))
+    assert min(cold, lost, reset) > 0
+    said = stamps(capsys, path, "--plot", str(tmp_path / "a.svg"))
+    assert said["own_flags"] == {"COLD": cold, "HOLDOVER": lost, "EPOCH_NEW": reset, "QUANTISED": len(told)}
+    panel = (tmp_path / "a.svg").read_text(encoding="utf-8").split("red: refused<")[1]
+    for name, frames in said["own_flags"].items():
+        dots = panel.split(f">{name}<")[1].split("<text")[0]
+        assert dots.count("h0") == frames, name
+    other = str(tmp_path / "other.mcap")
+    assert main(["stream", "--port", "sim://nanocockpit?pace=max", "--duration", "2", "--record", other]) == 0
+    assert stamps(capsys, other, "--plot", str(tmp_path / "b.svg"))["own_flags"] == {}
+    assert "flags" not in (tmp_path / "b.svg").read_text(encoding="utf-8")
+
+
 def test_other_firmware_says_what_cannot_be_repaired(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = record(tmp_path, "sim://paper?pace=max&seed=7", "3")
     said = stamps(capsys, path, code=4)

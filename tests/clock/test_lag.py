@@ -146,8 +146,11 @@ def test_the_command(log: str, tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert abs(mocap["lag_us"] - 12_150) < 3.5 * mocap["sigma_us"]
     assert abs(estimate["lag_us"] - 6_000) < 3.5 * estimate["sigma_us"]
     assert (tmp_path / "lag.svg").read_text(encoding="utf-8").startswith("<svg")
-    assert main(["sync", "mocap", log, "--source", "estPose"]) == 0
+    one = tmp_path / "one.svg"
+    assert main(["sync", "mocap", log, "--source", "estPose", "--plot", str(one)]) == 0
     said = capsys.readouterr().out
+    both, alone = ((tmp_path / name).read_text().split('height="')[1].split('"')[0] for name in ("lag.svg", "one.svg"))
+    assert int(alone) < int(both)  # no room for a panel that is not there
     assert f"--lag-us {mocap['lag_us']:.0f}±{mocap['sigma_us']:.0f}" in said
     assert "stateEstimate" not in said
 
