@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -15,10 +16,14 @@ from ..link.replay_url import to_url
 from ..link.stream import open_stream
 from ..protocol.errors import PeerError
 
+KEPT_BYTES = 256 << 20
+"""Of pictures, for they are gone through three times. More are not kept, but read anew each time."""
+NOTHING = np.zeros((0, 0), np.uint8)
+
 
 @dataclass(frozen=True)
 class Recorded:
-    """Read anew each time that it is gone through: a recording may be larger than the memory."""
+    """Frames of one size, in order, each with a picture and a time."""
 
     file: str
     robot: int
@@ -41,8 +46,13 @@ class Recorded:
     stm32_per_s: float
     """Seconds that the STM32's clock counts in one: 1, or 84/85 when the GAP8's says so."""
     left_out: Counter[str] = field(default_factory=Counter)
+    pictures: list[NDArray[np.uint8]] | None = None
+    """None when they are too many."""
 
     def __iter__(self) -> Iterator[NDArray[np.uint8]]:
+        if self.pictures is not None:
+            yield from self.pictures
+            return
         wanted = set(self.index.tolist())
         for frame in frames(self.file, self.robot):
             if frame.index in wanted:
@@ -61,6 +71,7 @@ class Told:
     line_us: float | None
     exposure_us: float | None
     stm32_per_gap8: float | None
+    picture: NDArray[np.uint8]
 
 
 def frames(file: str, robot: int) -> Iterator[Frame]:
@@ -79,13 +90,14 @@ def read(file: str, robot: int, times_us: dict[int, tuple[float, float]] | None,
     """`times_us`: times and bounds by the frames' index, instead of the robot's own. `line_us`, `exposure_us`: of
     frames that do not say. PeerError when no frame has picture and time."""
     left_out: Counter[str] = Counter()
-    told = []
+    told, room = [], KEPT_BYTES
     for frame in frames(file, robot):
         one = tell(frame, times_us, line_us, exposure_us)
         if isinstance(one, str):
             left_out[one] += 1
-        else:
-            told.append(one)
+            continue
+        room -= one.picture.nbytes
+        told.append(one if room >= 0 else dataclasses.replace(one, picture=NOTHING))
     if not told:
         why = ", ".join(f"{count} {each}" for each, count in left_out.items())
         raise PeerError(f"{file}: robot {robot}: no frame with a picture and a time ({why or 'no frame came whole'})")
@@ -111,7 +123,7 @@ def read(file: str, robot: int, times_us: dict[int, tuple[float, float]] | None,
         file, robot, *size, np.array([each.index for each in kept]),
         np.array([each.stamp_us for each in kept]) / stm32_per_s - shift, before_end_us,
         row_us, exposed_us, usual([each.bound_us for each in kept]),
-        stm32_per_s, +left_out,
+        stm32_per_s, +left_out, [each.picture for each in kept] if room >= 0 else None,
     )  # fmt: skip
 
 
@@ -132,11 +144,10 @@ def tell(
         stamp_us, bound_us = times_us.get(frame.index, (None, None))
     if stamp_us is None:
         return "without a time"
-    if frame.encoding == "jpeg":
-        try:
-            grey(frame)
-        except PeerError:
-            return "with a broken JPEG"
+    try:
+        picture = grey(frame)
+    except PeerError:
+        return "with a broken JPEG"
     before_end_us = frame.row_before_end_us((frame.height - 1) / 2)
     if frame.native:
         line_us = frame.native.line_time_ns / 1000
@@ -144,7 +155,7 @@ def tell(
     elif line_us is not None and exposure_us is not None:
         before_end_us = (frame.height - 1) / 2 * line_us + exposure_us / 2
     return Told(frame.index, (frame.width, frame.height), float(stamp_us), bound_us, before_end_us, line_us,
-                exposure_us, frame.stm32_per_gap8)  # fmt: skip
+                exposure_us, frame.stm32_per_gap8, picture)  # fmt: skip
 
 
 def longest_rise(told: list[Told]) -> list[Told]:

@@ -29,7 +29,7 @@ Reason = Literal[
     "not sure enough",
 ]
 PAIRS_MIN, PLACES_MIN = 20, 200
-PAIRS_MAX, FIRST_PAIRS = 600, 60
+PAIRS_MAX, FIRST_PAIRS = 600, 40
 """Of the frames' pairs, so many are looked at closely: in each of BLOCKS parts those in which the rate changes most."""
 BLOCKS = 20
 SIDE_MIN = 60

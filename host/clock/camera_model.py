@@ -21,6 +21,8 @@ is (1 + bend p^2) p with p = pixels / focal), mount (3, rad: off the mount that 
 gyro), gain (of the gyro, less 1)."""
 SOLVE_LENS = 5
 """Iterations; with a bend of 0.3 the last one moves nothing by 0.01 px."""
+ROW_ROUNDS, ROW_PX = 3, 0.05
+"""To find in which row, and so when, a thing is seen again: at 8 rad/s a row off is 0.1 px."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,21 +67,25 @@ def seen_again(theta: Floats, assumed: Floats, before: Floats, turn: Floats, pas
     """(n, 2): where things at `before` are after the body's turn; NaN where that is behind the camera."""
     true_turn = (1 + theta[GAIN]) * turn - theta[BIAS : BIAS + 3] * passed_s[:, None]
     vector = true_turn @ (rotation(theta[MOUNT : MOUNT + 3]) @ assumed).T
-    p = before / theta[FOCAL]
-    p = p * (1 + theta[BEND] * (p * p).sum(axis=1, keepdims=True))
-    ray = np.concatenate([p, np.ones((len(p), 1))], axis=1)
-    angle = np.sqrt((vector * vector).sum(axis=1))
-    across = np.cross(vector, ray)
-    # Rodrigues: the ray turns against the camera.
-    near = np.sinc(angle / np.pi)[:, None]
-    far = (0.5 * np.sinc(0.5 * angle / np.pi) ** 2)[:, None]
-    ray = ray - near * across + far * np.cross(vector, across)
-    ahead = np.where(ray[:, 2:] > 0.1, ray[:, 2:], np.nan)
-    tangent = ray[:, :2] / ahead
-    p = tangent
+    # By components: arrays (n,) are worked through several times faster than (n, 3).
+    x, y, z = vector.T
+    u, v = (before / theta[FOCAL]).T
+    bent = 1 + theta[BEND] * (u * u + v * v)
+    u, v = bent * u, bent * v
+    angle = np.sqrt(x * x + y * y + z * z)
+    # Rodrigues: the ray (u, v, 1) turns against the camera.
+    near, far = np.sinc(angle / np.pi), 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    right, down, on = y - z * v, z * u - x, x * v - y * u
+    ahead = 1 - near * on + far * (x * down - y * right)
+    ahead[ahead <= 0.1] = np.nan
+    u, v = (
+        (u - near * right + far * (y * on - z * down)) / ahead,
+        (v - near * down + far * (z * right - x * on)) / ahead,
+    )
+    bent = np.ones_like(u)
     for _ in range(SOLVE_LENS):
-        p = tangent / (1 + theta[BEND] * (p * p).sum(axis=1, keepdims=True))
-    return np.asarray(p * theta[FOCAL])
+        bent = 1 + theta[BEND] * (u * u + v * v) / bent**2
+    return np.asarray(np.stack([u / bent, v / bent], axis=1) * theta[FOCAL])
 
 
 def rotation(vector: Floats) -> Floats:
@@ -96,9 +102,11 @@ def rotation(vector: Floats) -> Floats:
 
 def expected(theta: Floats, assumed: Floats, turning: Turning, stamps_s: Floats, before: Floats) -> Floats:
     """Where things at `before` will be; their row in the second frame, which its time depends on, is found as well."""
-    after = before
-    for _ in range(3):
-        row = np.where(np.isnan(after[:, 1]), before[:, 1], after[:, 1])
+    row = before[:, 1]
+    for _ in range(ROW_ROUNDS):
         turn, passed_s = turned(theta, turning, stamps_s, np.stack([before[:, 1], row], axis=1))
         after = seen_again(theta, assumed, before, turn, passed_s)
+        row, last = np.where(np.isnan(after[:, 1]), before[:, 1], after[:, 1]), row
+        if np.abs(row - last).max(initial=0) < ROW_PX:
+            break
     return after

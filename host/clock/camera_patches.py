@@ -14,8 +14,8 @@ SIDE = 20
 """Pixels of a patch: it sees rows that are as many line times apart, evenly about its middle."""
 COLUMNS_MAX = 6
 ROUNDS = 8
-SETTLED_PX, SETTLED = 0.02, 0.95
-"""When so many patches move by less, that was the last round; the others are lost."""
+SETTLED_PX = 0.02
+"""A patch that moves by less is found; one that has not after all ROUNDS is lost."""
 FAR = 0.6
 """Of the side: a patch that is found further off than this from where it is expected is lost."""
 CONTRAST = 1.0
@@ -111,43 +111,41 @@ def track(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Patches about `from_` in one picture, sought about `to` in the other, pixels: by how much further (n, 2) they
     are; the sum of the squares of their gradients (n, 2, 2); what is left, mean square; and the correlation."""
-    side = np.arange(SIDE, dtype=np.float32) - (SIDE - 1) / 2
-    square = np.stack(np.meshgrid(side, side)).reshape(2, -1)
-    here = from_.T.astype(np.float32)[:, :, None] + square[:, None]
-    template, is_in = sample(before, *here)
-    # As the other picture has them: it is stretched.
-    slopes = np.stack([sample(each, *here)[0] for each in slopes_of(before)], axis=2)
-    slopes = slopes @ np.linalg.inv(shape).astype(np.float32) * is_in[:, :, None]
-    squares = (slopes.transpose(0, 2, 1) @ slopes).astype(np.float64)
+    wide = np.arange(SIDE + 2, dtype=np.float32) - (SIDE + 1) / 2
+    around = from_.T.astype(np.float32)[:, :, None, None] + np.stack(np.meshgrid(wide, wide))[:, None]
+    whole, known = sample(before, *around)
+    # Where the slope is known too; and the slope as the other picture has it: that is stretched.
+    is_in = known[:, 1:-1, 2:] * known[:, 1:-1, :-2] * known[:, 2:, 1:-1] * known[:, :-2, 1:-1]
+    right, down = whole[:, 1:-1, 2:] - whole[:, 1:-1, :-2], whole[:, 2:, 1:-1] - whole[:, :-2, 1:-1]
+    slopes = np.stack([right * is_in, down * is_in], axis=1).reshape(len(from_), 2, -1)
+    slopes = np.linalg.inv(2 * shape).transpose(0, 2, 1).astype(np.float32) @ slopes
+    squares = (slopes @ slopes.transpose(0, 2, 1)).astype(np.float64)
     solve = np.linalg.inv(squares + (WEAK * CONTRAST * SIDE) ** 2 * np.eye(2))
+    template, is_in = (each.reshape(len(from_), -1) for each in (whole[:, 1:-1, 1:-1], is_in))
+    square = np.stack(np.meshgrid(wide[1:-1], wide[1:-1])).reshape(2, -1)
     bent = curve @ np.stack([square[0] ** 2, square[0] * square[1], square[1] ** 2])
     stretched = (to[:, :, None] + shape @ square + bent).astype(np.float32)
-    shift = np.zeros_like(to)
+    shift, noise, alike = np.zeros_like(to), np.ones(len(to)), np.zeros(len(to))
+    lively = np.arange(len(to))
     for _ in range(ROUNDS):
-        there = stretched + shift.astype(np.float32)[:, :, None]
+        there = stretched[lively] + shift[lively].astype(np.float32)[:, :, None]
         other, also_in = sample(after, there[:, 0], there[:, 1])
-        weight = is_in * also_in
+        weight = is_in[lively] * also_in
         count = np.maximum(weight.sum(axis=1), 1)
-        a, b = (centred(each, weight, count) for each in (template, other))
+        a, b = (centred(each, weight, count) for each in (template[lively], other))
         power_a, power_b, both = (np.einsum("np,np->n", *each) for each in ((a, a), (b, b), (a, b)))
         # Exposure may have changed.
         left = a - b * np.sqrt(power_a / np.maximum(power_b, 1e-9))[:, None]
-        pull = np.matmul(left[:, None], slopes)[:, 0].astype(np.float64)
-        step = np.clip(np.matmul(solve, pull[:, :, None])[:, :, 0], -2, 2)
-        shift = shift + step
+        pull = (slopes[lively] @ left[:, :, None]).astype(np.float64)
+        step = np.clip((solve[lively] @ pull)[:, :, 0], -2, 2)
+        shift[lively] += step
         rests = np.abs(step).max(axis=1) < SETTLED_PX
-        if rests.mean() > SETTLED:
+        noise[lively] = np.einsum("np,np->n", left, left) / count
+        alike[lively] = np.where(rests, both / np.sqrt(np.maximum(power_a * power_b, 1e-9)), 0)
+        lively = lively[~rests]
+        if not len(lively):
             break
-    alike = both / np.sqrt(np.maximum(power_a * power_b, 1e-9))
-    return shift, squares, np.einsum("np,np->n", left, left) / count, np.where(rests, alike, 0)
-
-
-def slopes_of(grey: Grey) -> tuple[Grey, Grey]:
-    """Per pixel, to the right and down; 0 along the border."""
-    right, down = np.zeros_like(grey), np.zeros_like(grey)
-    right[:, 1:-1] = (grey[:, 2:] - grey[:, :-2]) / 2
-    down[1:-1] = (grey[2:] - grey[:-2]) / 2
-    return right, down
+    return shift, squares, noise, alike
 
 
 def centred(values: Grey, weight: Grey, count: Grey) -> Grey:
