@@ -123,7 +123,9 @@ static void run(emulator_t *e, bool thread) {
                 return;
             }
             cpu->asleep = false;
-            if (outcome == HELD_BY_PRIMASK && let_in(e)) {
+            if (cpu->parked != 0) {
+                cortex_m_unpark(e);
+            } else if (outcome == HELD_BY_PRIMASK && let_in(e)) {
                 continue;
             }
         } else if (!thread && outcome != TAKEN && outcome != HELD_BY_PRIMASK && cpu->depth == 0) {

@@ -46,6 +46,7 @@ typedef struct {
     int next;          ///< pending exception that outranks all active ones, 0: none; masks not looked at
     uint32_t vectors;  ///< VTOR
     uint32_t fpu;      ///< CPACR
+    bool sleep_on_exit;
     systick_t systick;
 } nvic_t;
 
@@ -63,7 +64,8 @@ typedef struct {
     nvic_t nvic;
     uint32_t pc; ///< of the next instruction
     bool asleep;
-    int depth; ///< of handlers
+    int depth;       ///< of handlers
+    uint32_t parked; ///< EXC_RETURN of a handler behind which the core sleeps, the frame still stacked; or 0
     uint8_t running[CORTEX_M_EXCEPTIONS];
     cortex_m_stop_t stop; ///< why the code has stopped
     int interrupt;        ///< Unicorn's number of what it could not do, STOPPED_OTHER

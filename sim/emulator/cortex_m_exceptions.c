@@ -164,10 +164,17 @@ outcome_t cortex_m_take(emulator_t *e) {
         return NOTHING;
     }
     uint32_t values[REGISTERS];
-    read_some(e, values, R0, REGISTERS);
+    int first = cpu->parked != 0 ? CONTROL : R0;
+    read_some(e, values, first, REGISTERS - first);
     outcome_t outcome = allowed(&cpu->nvic, values);
     if (outcome != TAKEN) {
         return outcome;
+    }
+    if (cpu->parked != 0) {
+        cortex_m_set(e, UNICORN_REG_ARM_LR, cpu->parked);
+        cpu->parked = 0;
+        go_to_handler(e, values[CONTROL] == 0);
+        return TAKEN;
     }
     if ((values[CONTROL] & CONTROL_UNPRIVILEGED) != 0) {
         emulator_fail(e, "code runs unprivileged, which is not modelled");
@@ -241,9 +248,18 @@ void cortex_m_leave(emulator_t *e) {
     if (cpu->nvic.next != 0 && allowed(&cpu->nvic, values) == TAKEN) {
         cortex_m_set(e, UNICORN_REG_ARM_LR, return_value);
         go_to_handler(e, false);
+    } else if (cpu->nvic.sleep_on_exit && cpu->depth == 0 && (return_value & RETURN_THREAD) != 0) {
+        cpu->parked = return_value;
+        cpu->asleep = true;
     } else {
         pop_frame(e, values[SP], return_value);
     }
+}
+
+void cortex_m_unpark(emulator_t *e) {
+    cortex_m_t *cpu = cortex_m_of(e);
+    pop_frame(e, cortex_m_get(e, UNICORN_REG_ARM_SP), cpu->parked);
+    cpu->parked = 0;
 }
 
 bool cortex_m_may_take(emulator_t *e) {

@@ -20,8 +20,11 @@ outcome_t cortex_m_take(emulator_t *e);
 bool cortex_m_may_take(emulator_t *e);
 
 /// A handler has ended with EXC_RETURN in pc: the next one follows without a new frame, or what was
-/// interrupted goes on.
+/// interrupted goes on, or with SLEEPONEXIT the core sleeps, and the frame waits for the next handler.
 void cortex_m_leave(emulator_t *e);
+
+/// What wakes a core that sleeps so is held back: what was interrupted goes on.
+void cortex_m_unpark(emulator_t *e);
 
 static inline cortex_m_t *cortex_m_of(const emulator_t *e) {
     return e->cpu_state;

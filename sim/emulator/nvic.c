@@ -31,6 +31,7 @@ enum {
     AIRCR_KEY_READ = 0xFA05,
     AIRCR_RESET = 4,
     SCR = 0xE000ED10U,
+    SCR_SLEEPONEXIT = 2,
     CCR = 0xE000ED14U,
     CCR_ALIGNED_STACK = 0x200,
     SYSTEM_PRIORITIES = 0xE000ED18U, ///< of exceptions 4 to 15
@@ -259,7 +260,7 @@ uint32_t cortex_m_read(emulator_t *e, uint32_t address, unsigned size) {
     case AIRCR:
         return (uint32_t)AIRCR_KEY_READ << 16 | self->grouping << 8;
     case SCR:
-        return 0;
+        return self->sleep_on_exit ? SCR_SLEEPONEXIT : 0;
     case CCR:
         return CCR_ALIGNED_STACK;
     case CPACR:
@@ -364,7 +365,8 @@ void cortex_m_write(emulator_t *e, uint32_t address, unsigned size, uint32_t val
         write_reset(e, value);
         break;
     case SCR:
-        modelled = value == 0;
+        self->sleep_on_exit = (value & SCR_SLEEPONEXIT) != 0;
+        modelled = (value & ~(uint32_t)SCR_SLEEPONEXIT) == 0;
         break;
     case CCR:
         modelled = value == CCR_ALIGNED_STACK;

@@ -224,6 +224,61 @@ def test_an_interrupt_that_is_masked_ends_wfi_and_is_handled_when_it_is_let_in(t
     assert (mcu.word("handled"), mcu.word("woken"), mcu.word("order")) == (1, 1, 21)
 
 
+SLEEP_ON_EXIT = """
+/* Handlers that leave SLEEPONEXIT set end in sleep; the fourth clears it, or masks what would wake the core. */
+#define SCR R(0xE000ED10)
+volatile uint32_t handled, went_on, woken_at, depth, sp[4], seen[7], masks;
+volatile float spoilt;
+void systick(void) {
+    sp[handled % 4] = (uint32_t)__builtin_frame_address(0);
+    spoilt = spoilt * 3.0f + 1.0f; /* the frame's FPU registers must come back */
+    __asm volatile("mov r1, #99; mov r2, r1; mov r3, r1; mov r12, r1; cmp r1, r1" ::: "r1", "r2", "r3", "r12", "cc");
+    if (++handled == 4) {
+        if (masks) __asm volatile("cpsid i"); else SCR = 0;
+    }
+}
+int main(void) {
+    clocks();
+    masks = board_config;
+    R(0xE000E014) = 168 * 500 - 1; R(0xE000E018) = 0; R(0xE000E010) = 7;
+    SCR = 2;
+    uint32_t scr = SCR;
+    __asm volatile("vmov.f32 s3, #2.0; mov r1, #11; mov r2, #12; mov r3, #13; mov r12, #15; cmp r1, #12;"
+                   "wfi; isb;"
+                   "ite cc; movcc r0, #1; movcs r0, #0; ldr r4, =seen; stmia r4!, {r0, r1, r2, r3, r12};"
+                   "vstmia r4!, {s3}"
+                   ::: "r0", "r1", "r2", "r3", "r4", "r12", "s3", "cc", "memory");
+    seen[6] = scr;
+    woken_at = handled;
+    went_on = 1;
+    if (masks) { SCR = 0; __asm volatile("cpsie i; isb"); }
+    R(0xE000E010) = 0;
+    for (;;) wfi();
+}
+"""
+
+
+@pytest.mark.parametrize("masks", [0, 1])
+def test_sleeponexit_leaves_what_was_interrupted_asleep_until_a_handler_clears_it(tmp_path: Path, masks: int) -> None:
+    mcu = Mcu(build(tmp_path, SLEEP_ON_EXIT), config=masks)
+    for handled in range(1, 4):
+        assert mcu.deadline() == 500 * handled
+        mcu.ns = 500_000 * handled
+        assert mcu.deadline() == 500 * (handled + 1)
+        assert (mcu.word("handled"), mcu.word("went_on")) == (handled, 0)
+    mcu.ns = 2_000_000
+    mcu.deadline()
+    if masks:  # its pending interrupt wakes the core, and is handled when it is let in
+        assert (mcu.word("handled"), mcu.word("went_on")) == (4, 0)
+        mcu.ns = 2_500_000
+    assert mcu.deadline() == NEVER_US
+    assert mcu.failed == ""
+    assert (mcu.word("handled"), mcu.word("woken_at"), mcu.word("went_on")) == (4 + masks, 4, 1)
+    two = int(np.array([2.0], dtype=np.float32).view(np.uint32)[0])
+    assert mcu.words("seen", 7) == [1, 11, 12, 13, 15, two, 2]
+    assert len(set(mcu.words("sp", 4))) == 1
+
+
 CONDITIONS = """
 /* Loads and stores in IT blocks, to pages that are looked up for the first time there, and again. */
 volatile uint32_t results[64];

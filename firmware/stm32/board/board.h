@@ -1,8 +1,9 @@
 /// The board around the STM32's app, for a Crazyflie 2.1: registers on one side, the four verbs on the other.
 ///
 /// Interrupt handlers take what has come, note which ports have become idle, and wake the service loop; the
-/// loop asks the idle ports for bytes and sets the alarm. All handlers have one priority, so none interrupts
-/// another, and the loop masks them from its waking until it sleeps again.
+/// loop asks the idle ports for bytes and sets the alarm. Within a message on UART1 the handler itself asks
+/// for the next byte, and the loop sleeps on. All handlers have one priority, so none interrupts another, and
+/// the loop masks them from its waking until it sleeps again.
 #ifndef SPINDECK_STM32_BOARD_BOARD_H
 #define SPINDECK_STM32_BOARD_BOARD_H
 
@@ -34,6 +35,12 @@ static inline void interrupts_off(void) {
 
 static inline void interrupts_on(void) {
     __asm volatile("cpsie i\n\tisb" ::: "memory");
+}
+
+/// Whether the last handler ends in sleep, or returns to what it has interrupted.
+static inline void sleep_on_exit(bool on) {
+    SCB_SCR = on ? SCB_SCR_SLEEPONEXIT : 0;
+    __asm volatile("dsb" ::: "memory");
 }
 
 /// Until the FPU is used again, an interrupt need not save its registers: the caller holds nothing in them.

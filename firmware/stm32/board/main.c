@@ -1,7 +1,6 @@
 #include "board.h"
 
 enum { UARTS = 2 }; ///< the first of stm32_port_t
-static usart_t *const LINES[UARTS] = {[STM32_PORT_UART1] = USART3, [STM32_PORT_UART2] = USART2};
 
 stm32_t board_app;
 volatile int board_init_result;
@@ -10,19 +9,47 @@ volatile uint64_t board_stamp_reset;
 static struct {
     bool busy[UARTS]; ///< a byte is on the line
     bool wake;
-    instant_t now; ///< of the last interrupt
+    instant_t now;   ///< of the last interrupt
+    uint64_t due_us; ///< what the app has said last
 } board;
+
+static usart_t *line_of(stm32_port_t port) {
+    return port == STM32_PORT_UART1 ? USART3 : USART2;
+}
+
+/// The service loop goes on when the handlers have returned.
+static void wake(void) {
+    board.wake = true;
+    sleep_on_exit(false);
+}
+
+/// False if there is nothing to be sent.
+static bool send(stm32_port_t port) {
+    uint8_t byte;
+    board.busy[port] = stm32_transmit(&board_app, port, (bytes_mut_t){&byte, 1}, board.now) != 0;
+    if (board.busy[port]) {
+        usart_put(line_of(port), byte);
+    }
+    return board.busy[port];
+}
+
+// Within a message on UART1 nothing else is to be done: the service loop sleeps on.
+static void on_sent(stm32_port_t port) {
+    board.busy[port] = false;
+    if (port != STM32_PORT_UART1 || board.now.up_us >= board.due_us || !send(port)) {
+        wake();
+    }
+}
 
 static void on_usart(stm32_port_t port) {
     board.now = clock_now();
-    const usart_news_t news = usart_news(LINES[port]);
+    const usart_news_t news = usart_news(line_of(port));
     if (news.sent) {
-        board.busy[port] = false;
-        board.wake = true;
+        on_sent(port);
     }
     if (news.received) {
         stm32_receive(&board_app, port, (bytes_t){&news.byte, 1}, board.now);
-        board.wake = true;
+        wake();
     }
 }
 
@@ -37,12 +64,12 @@ void usart3_handler(void) {
 void tim3_handler(void) {
     board.now = clock_now();
     if (alarm_came(board.now.up_us)) {
-        board.wake = true;
+        wake();
     }
 }
 
 static void take_answer(bytes_t answer) {
-    board.wake = true;
+    wake();
     stm32_receive(&board_app, STM32_PORT_STORAGE, answer, board.now);
 }
 
@@ -72,20 +99,17 @@ static void service_storage(void) {
 /// With the instant of the last interrupt: an app's time never goes back.
 static void service(void) {
     for (int port = 0; port < UARTS; port++) {
-        uint8_t byte;
-        if (!board.busy[port] &&
-            stm32_transmit(&board_app, (stm32_port_t)port, (bytes_mut_t){&byte, 1}, board.now) != 0) {
-            board.busy[port] = true;
-            usart_put(LINES[port], byte);
+        if (!board.busy[port]) {
+            send((stm32_port_t)port);
         }
     }
     service_storage();
     if (board.wake) { // an answer at once: the idle ports are to be asked again first
         return;
     }
-    const uint64_t due_us = stm32_deadline(&board_app);
+    board.due_us = stm32_deadline(&board_app);
     // One that has passed was served just now: it waits for the next event.
-    alarm_set(due_us > board.now.up_us ? due_us : NEVER_US);
+    alarm_set(board.due_us > board.now.up_us ? board.due_us : NEVER_US);
 }
 
 int main(void) {
@@ -108,6 +132,7 @@ int main(void) {
             fpu_unused();
         }
         if (!board.wake) {
+            sleep_on_exit(true);                // a handler that does not wake the loop leaves it asleep
             __asm volatile("wfi" ::: "memory"); // a pending interrupt ends it, or keeps it from beginning
         }
         interrupts_on(); // its handler runs here

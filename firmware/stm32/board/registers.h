@@ -114,7 +114,9 @@ enum {
 #define NVIC_ISER ((register_t *)0xE000E100U)  ///< ARMv7-M, B3.4
 #define NVIC_ISPR ((register_t *)0xE000E200U)  ///< B3.4
 #define SCB_VTOR (*(register_t *)0xE000ED08U)  ///< B3.2
+#define SCB_SCR (*(register_t *)0xE000ED10U)   ///< B3.2
 #define SCB_CPACR (*(register_t *)0xE000ED88U) ///< B3.2
+#define SCB_SCR_SLEEPONEXIT (1U << 1)          ///< behind the last handler the core sleeps again
 #define SCB_CPACR_FPU (0xFU << 20)             ///< full access to coprocessors 10 and 11
 
 #endif
