@@ -1,4 +1,4 @@
-"""`host ports`: what there is to connect to."""
+"""`host ports`: what there is to connect to, and to broadcast with."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     """Declares the command and its options."""
     this = commands.add_parser(
         "ports",
-        help="list serial devices, AI-decks on the network, and running simulators",
-        description="List serial devices, AI-decks that announce themselves on the network, and simulators that run "
-        "on this computer. JSON lines when piped.",
+        help="list serial devices, AI-decks on the network, running simulators, and Crazyradios",
+        description="List serial devices, AI-decks that announce themselves on the network, simulators that run on "
+        "this computer, and Crazyradios (for host sync beacons; with pyusb). JSON lines when piped.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -44,7 +44,7 @@ def seconds(text: str) -> float:
 
 def run(arguments: argparse.Namespace) -> int:
     """Prints all that is found; 0 even if that is nothing."""
-    found = [*serial(), *simulators()]
+    found = [*serial(), *radios(), *simulators()]
     if arguments.timeout:
         found += network(arguments.timeout)
     if arguments.json or not sys.stdout.isatty():
@@ -72,6 +72,15 @@ def serial() -> list[dict[str, Any]]:
             "open_in": [f"{name} (process {pid})" for pid, name in holders(each.port).items()],
         }
         for each in serial_devices()
+    ]
+
+
+def radios() -> list[dict[str, Any]]:
+    from ..radio.dongle import dongles
+
+    return [
+        {"kind": "radio", "port": f"radio://{number}/CHANNEL/RATE", "serial": serial}
+        for number, serial in enumerate(dongles())
     ]
 
 
@@ -110,6 +119,11 @@ def line(record: dict[str, Any]) -> str:
         words = [record["name"] or "serial device", f"({record['usb']})" if record["usb"] else ""]
         words.append(f"in use: {', '.join(record['open_in'])}" if record["open_in"] else "")
         return " ".join(word for word in words if word)
+    if record["kind"] == "radio":
+        about = (
+            f"serial number {record['serial']}" if record["serial"] else "no permission: host sync beacons says more"
+        )
+        return f"Crazyradio ({about}), for host sync beacons"
     if record["kind"] == "simulator":
         return (
             f"simulator: {record['scenario']}, robot {record['robot']}, {record['firmware']} firmware on "

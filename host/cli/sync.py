@@ -25,8 +25,8 @@ examples:
   host sync stamps flight1.mcap --robot 1 --json
 """
 ROBOTS_EXAMPLES = """\
-Logs with beacons (docs/PROTOCOL.md) are compared by these: each robot's clock is fitted against the host's too, and it
-is found whether it counts 84 where 85 have passed.
+Logs with beacons ('host sync beacons' sends them) are compared by these: each robot's clock is fitted against the
+host's too, and it is found whether it counts 84 where 85 have passed. The host's own log may stand among them.
 
 Else the robots must have heard the same broadcasts of motion capture, and have logged what was in them: a variable that
 only changes with a broadcast, in all logs the same values. It is found by itself, or named by --variable (a group, as
@@ -41,6 +41,7 @@ logs and more the closure says whether the slopes agree.
 
 examples:
   host sync robots cf231_00 cf5_00 cf6_00
+  host sync robots host00 cf231_00 cf5_00
   host sync robots cf231_00 cf5_00 --reset --plot clocks.svg
   host sync robots cf231_00 cf5_00 --variable stateEstimate.px,stateEstimate.py,stateEstimate.pz --json
 """
@@ -89,9 +90,9 @@ or its serial number; 0 to 100; 1M or 2M. It needs pyusb (pip install 'spindeck[
 program that flies robots keeps its. All robots on that channel hear; those whose app logs beacons (docs/DESIGN.md) have
 on:beacon in config.txt. sim://SCENARIO sends to simulated robots, without a dongle.
 
-FILE is the host's own log, as a µSD log with its clock: what was sent, and when the dongle had it. Given to 'host sync
-robots' beside the robots' logs, it takes the way to the dongle off their offsets to the host. Robots against each other
-need it not. Ctrl-C, or a dongle that is pulled out, ends the log: what was sent is in it.
+FILE is the host's own log, as a µSD log with its clock: what was sent, and when the dongle had it. It tells 'host sync
+robots', given among the robots' logs, which beacons were slow to the dongle, and takes that way off the robots' offsets
+to the host. Ctrl-C, or a dongle that is pulled out, ends the log: what was sent is in it.
 
 examples:
   host sync beacons --port radio://0/80/2M --log host00

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from ..clock.beacons import BEACONS_MIN, Against, Between, against_host, between, collect
+from ..clock.beacons import BEACONS_MIN, Against, Beacons, Between, against_host, between, collect
 from ..protocol.errors import PeerError
 from ..usd.host_log import EVENT as SENT
 from ..usd.log import Log
@@ -21,6 +21,8 @@ from .sync_robots_plot import by_beacons
 
 EVENT = "beacon"
 VALUES = ("sequence", "hostUs", "hostUsHigh")
+QUICK = 0.75
+"""Of the beacons that a host's log tells of. Fewer would be sharper, and too few."""
 
 
 def has_beacons(log: Log) -> bool:
@@ -39,7 +41,9 @@ def is_host(log: Log) -> bool:
 
 def compare(labels: Sequence[str], logs: Sequence[Log], arguments: argparse.Namespace, draw: Draw | None) -> int:
     """Prints what beacons tell of these robots."""
-    fits = [against(label, log) for label, log in zip(labels, logs, strict=True)]
+    chosen = quick(logs)
+    heard = [noted(log) for log in logs]
+    fits = [against(*each, chosen) for each in zip(labels, heard, strict=True)]
     pairs = []
     for first, second in combinations(range(len(fits)), 2):
         pair = between(first, second, fits[first], fits[second])
@@ -47,10 +51,10 @@ def compare(labels: Sequence[str], logs: Sequence[Log], arguments: argparse.Name
             raise PeerError(f"{labels[first]} and {labels[second]}: not one beacon in common: logs of two runs?")
         pairs.append(pair)
     if arguments.json:
-        for record in records(labels, fits, pairs):
+        for record in records(labels, heard, fits, pairs):
             print(line(record))
     else:
-        print("\n".join(lines(labels, fits, pairs)))
+        print("\n".join(lines(labels, heard, fits, pairs)))
     if draw:
         draw(by_beacons(labels, fits), 3)
     robots = [number for number, log in enumerate(logs) if not is_host(log)]
@@ -71,17 +75,41 @@ def zero(fit: Against, log: Log) -> tuple[float, float]:
     return host_us, float(bound[0])
 
 
-def against(label: str, log: Log) -> Against:
-    """By the beacons of the epoch that has most of them: between two resets of the robot's clock."""
+def noted(log: Log) -> Beacons:
+    """The beacons of the epoch that has most of them: between two resets of the robot's clock."""
     rows = log.rows[event_of(log)]
     part = rows.epochs[epoch_of(log)]
     mine = slice(part.start, part.stop)
     sequence, low, high = (rows.data[name][mine].astype(np.int64) for name in VALUES)
-    beacons = collect(sequence, low + (high << 32), rows.stamp_us[mine].astype(np.int64))
-    fit = against_host(beacons)
+    return collect(sequence, low + (high << 32), rows.stamp_us[mine].astype(np.int64))
+
+
+def quick(logs: Sequence[Log]) -> set[tuple[int, int]] | None:
+    """Number and time of those that were quickest to the dongle, by the hosts' own logs. None: there is no such log.
+
+    How late a host sends is in all robots alike, but differently each time, which blurs the edge that all fits go by.
+    Its own log says of each beacon how late it was at most."""
+    hosts = [noted(log) for log in logs if is_host(log)]
+    found: set[tuple[int, int]] = set()
+    for each in hosts:
+        took_us = each.local_us - each.host_us
+        fast = took_us <= np.quantile(took_us, QUICK)
+        found |= set(zip(each.sequence[fast].tolist(), each.host_us[fast].tolist(), strict=True))
+    return found if hosts else None
+
+
+def against(label: str, heard: Beacons, chosen: set[tuple[int, int]] | None) -> Against:
+    """By the chosen ones, if they are enough."""
+    fit = None
+    if chosen is not None:
+        kept = np.array([each in chosen for each in zip(heard.sequence.tolist(), heard.host_us.tolist(), strict=True)])
+        fit = against_host(
+            replace(heard, sequence=heard.sequence[kept], host_us=heard.host_us[kept], local_us=heard.local_us[kept])
+        )
+    fit = fit or against_host(heard)
     if fit is None:
         raise PeerError(
-            f"{label}: {len(beacons)} beacons of one run of the host; at least {BEACONS_MIN} are needed"
+            f"{label}: {len(heard)} beacons of one run of the host; at least {BEACONS_MIN} are needed"
             " (--variable goes by broadcasts of motion capture)"
         )
     return fit
@@ -100,14 +128,17 @@ def to_host(fit: Against) -> tuple[float, float, float, float]:
     return float(host_us[middle]), float(offset[middle]), float(bound[middle]), float(bound.max())
 
 
-def records(labels: Sequence[str], fits: Sequence[Against], pairs: Sequence[Between]) -> Iterator[dict[str, Any]]:
-    for label, fit in zip(labels, fits, strict=True):
+def records(
+    labels: Sequence[str], heard: Sequence[Beacons], fits: Sequence[Against], pairs: Sequence[Between]
+) -> Iterator[dict[str, Any]]:
+    for label, beacons, fit in zip(labels, heard, fits, strict=True):
         at_us, offset, bound, worst = to_host(fit)
         yield {
             "event": "robot",
             "log": label,
-            "beacons": len(fit.beacons),
-            "lost": fit.beacons.lost,
+            "beacons": len(beacons),
+            "lost": beacons.lost,
+            "left_out_as_slow": len(beacons) - len(fit.beacons),
             "repeated": fit.beacons.repeated,
             "of_other_runs": fit.beacons.other_runs,
             "drift_ppm": round(fit.drift_ppm, 3),
@@ -130,18 +161,20 @@ def bounded(value: float) -> float | None:
     return round(value, 3) if np.isfinite(value) else None
 
 
-def lines(labels: Sequence[str], fits: Sequence[Against], pairs: Sequence[Between]) -> Iterator[str]:
+def lines(
+    labels: Sequence[str], heard: Sequence[Beacons], fits: Sequence[Against], pairs: Sequence[Between]
+) -> Iterator[str]:
     wide = max(32, *(len(f"{labels[pair.second]} against {labels[pair.first]}") for pair in pairs)) + 1
     ends = f"{'offset, us':>18}{'± us':>8}{'worst':>8}"
     yield f"{'robot against host':{wide}}{'beacons':>8}{'lost':>6}{'drift, ppm':>12}{ends}"
-    for label, fit in zip(labels, fits, strict=True):
+    for label, beacons, fit in zip(labels, heard, fits, strict=True):
         _, offset, bound, worst = to_host(fit)
         yield (
-            f"{label:{wide}}{len(fit.beacons):8}{fit.beacons.lost:6}{fit.drift_ppm:+12.2f}{offset:+18.1f}"
+            f"{label:{wide}}{len(beacons):8}{beacons.lost:6}{fit.drift_ppm:+12.2f}{offset:+18.1f}"
             f"{shown(bound)}{shown(worst)}"
         )
-    for label, fit in zip(labels, fits, strict=True):
-        yield from (f"  {label}: {each}" for each in notes(fit))
+    for label, beacons, fit in zip(labels, heard, fits, strict=True):
+        yield from (f"  {label}: {each}" for each in notes(beacons, fit))
     yield ""
     yield f"{'second against first':{wide}}{'common':>8}{'slope, ppm':>18}{ends}"
     for pair in pairs:
@@ -158,7 +191,9 @@ def shown(value: float, digits: int = 0) -> str:
     return f"{value:8.{digits}f}" if np.isfinite(value) else f"{'-':>8}"
 
 
-def notes(fit: Against) -> Iterator[str]:
+def notes(beacons: Beacons, fit: Against) -> Iterator[str]:
+    if len(fit.beacons) < len(beacons):
+        yield f"by {len(fit.beacons)} of them: the others were slow to the dongle, says the host's log"
     if not fit.is_clear:
         yield f"its clock is {fit.drift_ppm:+.0f} ppm off the host's: neither right nor 84/85"
     elif fit.is_slow:

@@ -14,6 +14,9 @@ from ..protocol.packets import RESET_CLOCKS, Beacon
 
 WRAP = 1 << 32
 """Of the beacons' numbers."""
+NUMBER_US = 50_000
+"""The first number is the host's clock in these, which go by faster than beacons: so a sender that was started again
+goes on behind the numbers before, and a robot's log has one run of the host."""
 SILENT_MAX = 5
 """So many packets in a row that the dongle does not take: it is of no more use."""
 
@@ -69,7 +72,8 @@ def beacons(
     period_us = 1e6 / hz
     begin_us = air.now_us()
     end_us = math.inf if duration_s is None else begin_us + duration_s * 1e6
-    place = sequence = silent = 0
+    sequence = begin_us // NUMBER_US % WRAP
+    place = silent = 0
     if reset:
         air.send(RESET_CLOCKS)
     while (due_us := begin_us + round((place + 0.5) * period_us)) < end_us:

@@ -87,7 +87,7 @@ class Dongle:
 
 def find(usb: Any, url: str, dongle: int | str) -> Any:
     try:
-        found = list(usb.core.find(find_all=True, idVendor=crazyradio.VENDOR, idProduct=crazyradio.PRODUCT))
+        found = plugged_in(usb)
     except usb.core.NoBackendError as error:
         raise LocalError(
             f"{url}: pyusb finds no libusb: sudo apt install libusb-1.0-0, or brew install libusb"
@@ -98,14 +98,35 @@ def find(usb: Any, url: str, dongle: int | str) -> Any:
         if dongle >= len(found):
             raise NotThereError(f"{url}: there is no dongle {dongle}: {len(found)} plugged in, counted from 0")
         return found[dongle]
-    try:
-        serials = [each.serial_number for each in found]
-    except (ValueError, usb.core.USBError) as error:  # what pyusb says when it may not ask
-        raise LocalError(f"{url}: the dongles may not be asked for their serial numbers: {PERMIT}") from error
+    serials = [serial_of(usb, each) for each in found]
+    if None in serials:
+        raise LocalError(f"{url}: the dongles may not be asked for their serial numbers: {PERMIT}")
     for each, serial in zip(found, serials, strict=True):
         if str(serial).upper() == dongle.upper():
             return each
     raise NotThereError(f"{url}: no dongle has this serial number; there is {', '.join(map(str, serials))}")
+
+
+def plugged_in(usb: Any) -> list[Any]:
+    return list(usb.core.find(find_all=True, idVendor=crazyradio.VENDOR, idProduct=crazyradio.PRODUCT))
+
+
+def serial_of(usb: Any, device: Any) -> str | None:
+    """None: this user may not ask it."""
+    try:
+        return str(device.serial_number)
+    except (ValueError, usb.core.USBError):
+        return None
+
+
+def dongles() -> list[str | None]:
+    """Serial numbers of all that are plugged in; None: one that this user may not use. Empty without pyusb."""
+    try:
+        import usb.core
+
+        return [serial_of(usb, each) for each in plugged_in(usb)]
+    except (ImportError, ValueError):  # pyusb's NoBackendError is a ValueError
+        return []
 
 
 def why(error: Any) -> str:

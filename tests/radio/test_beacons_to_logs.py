@@ -18,6 +18,8 @@ from fake_dongle import FakeDongle, FakeUsb
 from radio_flights import ROWS, SHUTDOWN, Store
 
 from host.cli import main
+from host.cli.sync_beacons import against, quick
+from host.cli.usd import load
 from host.clock.beacons import Beacons, against_host, collect, recent
 from host.radio.broadcast import beacons
 from host.radio.dongle import Dongle
@@ -47,7 +49,10 @@ class InWorld(Dongle):
 class Flight:
     """Two robots that hear a dongle, and what their clocks really showed at each beacon."""
 
-    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, seconds: float, hz: float, **keys: Any) -> None:
+    def __init__(
+        self, folder: Path, monkeypatch: pytest.MonkeyPatch, seconds: float, hz: float, runs: int = 1, **keys: Any
+    ) -> None:
+        """`runs`: times that the sender is started, half a minute after the run before."""
         config = {"robots": 2, "stm32_ppm": PPM, "camera_fps": 0, "radio_loss": 0.1, "seed": 3, **keys}
         self.world = World("swarm", **config)
         stores = [Store(ROWS + b"on:beacon\n") for _ in self.world.robots]
@@ -56,10 +61,13 @@ class Flight:
         random = np.random.default_rng(8)
 
         def on_air(packet: bytes) -> None:
-            # The way over USB: 80 us and more, now and then a scheduler's slice.
-            late_us = 80 + random.exponential(60) + (4000 if random.random() < 0.02 else 0)
-            self.world.run(late_us * 1e-6)
+            # The way over USB, and the way back of the word that it is done: now and then a scheduler's slice.
+            self.world.run(passing_us(80) * 1e-6)
             self.world.broadcast(packet)
+            self.world.run(passing_us(30) * 1e-6)
+
+        def passing_us(least: float) -> float:
+            return least + float(random.exponential(30)) + (4000 if random.random() < 0.01 else 0)
 
         self.dongle = FakeDongle(on_air=on_air)
         monkeypatch.setattr(usb.backend.libusb1, "get_backend", lambda: FakeUsb(self.dongle))
@@ -69,9 +77,12 @@ class Flight:
         air = InWorld(self.world, self._watch)
         with (folder / "host00").open("xb") as file:
             log = HostLog(file)
-            self.sent = list(beacons(air, hz, seconds, lambda: False))
-            for each in self.sent:
-                log.add(each.sequence, each.host_us, each.done_us)
+            self.sent = []
+            for run in range(runs):
+                self.world.run(30.0 * bool(run))
+                for each in beacons(air, hz, seconds, lambda: False):
+                    log.add(each.sequence, each.host_us, each.done_us)
+                    self.sent.append(each)
             log.end()
         for robot in self.world.robots:
             robot.inject("uart2_to_stm32", SHUTDOWN)
@@ -107,6 +118,9 @@ def test_within_the_bar(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys:
     host_us, truth = watched[:, 0].astype(float), watched[:, 2] - watched[:, 1]
     off = np.abs(between_us(fits, host_us) - truth)
     assert np.quantile(off, 0.95) < 20
+    logs = [load(path, examined=False)[0] for path in flight.paths]
+    sharp = [against("", heard, quick(logs)) for heard in notes]
+    assert np.quantile(np.abs(between_us(sharp, host_us) - truth), 0.95) < 10, "the host's log says which were late"
     online = []
     for at_us, true_us in list(zip(host_us, truth, strict=True))[::50][2:]:
         known = [recent(Beacons(*(each[n.host_us < at_us] for each in (n.sequence, n.host_us, n.local_us)), 0, 0))
@@ -119,7 +133,9 @@ def test_within_the_bar(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys:
     records = [json.loads(each) for each in capsys.readouterr().out.splitlines()]
     robots = [each for each in records if each["event"] == "robot"]
     assert [each["log"] for each in robots] == ["host00", "cf0", "cf1"]
-    assert robots[0]["beacons"] == 1200
+    assert [each["beacons"] for each in robots] == [1200, *flight.world.radio.heard_others]
+    assert all(0.2 < each["left_out_as_slow"] / each["beacons"] < 0.3 for each in robots)
+    assert [each["lost"] for each in robots] == [0, *(1200 - each for each in flight.world.radio.heard_others)]
     assert abs(robots[0]["drift_ppm"]) < 1
     # The least way to the dongle: in the host's own log, and in the robots' times, whose radio adds 250 us.
     least_us = min(each.transfer_us for each in flight.sent)
@@ -130,6 +146,28 @@ def test_within_the_bar(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys:
         real = watched[middle, 1 + robot] - watched[middle, 0]
         drifted = pair["slope_ppm"] * 1e-6 * (host_us[middle] - pair["at_us"])
         assert abs(pair["offset_us"] + drifted - real - 250) < 40, "what is left is the way through the air alone"
+
+
+def test_a_sender_that_was_started_again_is_one_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Flight(tmp_path, monkeypatch, 10.0, 10, runs=3, radio_loss=0)
+    for path in flight.paths[1:]:
+        notes = noted(path)
+        assert len(notes) == len(flight.sent) == 300
+        assert notes.other_runs == 0
+
+
+def test_a_log_that_was_not_ended_can_be_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The sender was killed: what it had sent is there."""
+    flight = Flight(tmp_path, monkeypatch, 12.0, 10)
+    whole = Path(flight.paths[0]).read_bytes()
+    for size in range(len(whole) - 4, len(whole) - 64, -7):
+        Path(flight.paths[0]).write_bytes(whole[:size])
+        rows = decode(whole[:size]).rows["beaconSent"]
+        assert len(rows) == 120 - -(-(len(whole) - 4 - size) // 20)
+        assert main(["sync", "robots", *flight.paths, "--json"]) == 0
+        assert json.loads(capsys.readouterr().out.splitlines()[0])["beacons"] == len(rows)
 
 
 def test_the_host_has_no_part_in_a_reset(

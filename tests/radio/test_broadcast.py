@@ -17,6 +17,7 @@ from host.radio.crazyradio import BROADCAST, settings
 from host.radio.url import parse
 
 START_US = 1 << 33
+FIRST = START_US // 50_000
 
 
 @dataclass
@@ -59,11 +60,11 @@ def test_the_bytes_and_the_times() -> None:
     air = ScriptedAir(wake_us=[0, 70, 0], take_us=[120, 90, 400])
     sent = ran(air, hz=4, duration_s=0.75)
     assert [(at - START_US, packet.hex(" ")) for at, packet in air.sent] == [
-        (125_000, "d2 62 01 00 00 00 48 e8 01 00 02 00 00 00"),
-        (375_070, "d2 62 02 00 00 00 1e b9 05 00 02 00 00 00"),
-        (625_000, "d2 62 03 00 00 00 68 89 09 00 02 00 00 00"),
+        (125_000, "d2 62 17 9f 02 00 48 e8 01 00 02 00 00 00"),
+        (375_070, "d2 62 18 9f 02 00 1e b9 05 00 02 00 00 00"),
+        (625_000, "d2 62 19 9f 02 00 68 89 09 00 02 00 00 00"),
     ]
-    assert [(each.sequence, each.late_us, each.transfer_us, each.failed, each.skipped) for each in sent] == [
+    assert [(each.sequence - FIRST, each.late_us, each.transfer_us, each.failed, each.skipped) for each in sent] == [
         (1, 0, 120, "", 0),
         (2, 70, 90, "", 0),
         (3, 0, 400, "", 0),
@@ -96,14 +97,24 @@ def test_those_whose_time_has_passed_are_left_out(asleep_us: int) -> None:
     skipped = late.skipped
     assert skipped == max(-(-asleep_us // 250_000) - 1, 0)
     assert all(not each.skipped and not each.late_us for each in sent[:2] + sent[3:])
-    assert [each.sequence for each in sent] == list(range(1, 41 - skipped))
+    assert [each.sequence - FIRST for each in sent] == list(range(1, 41 - skipped))
     assert all(b.due_us >= a.done_us for a, b in pairwise(sent))
 
 
-def test_the_number_wraps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("host.radio.broadcast.WRAP", 3)
-    assert WRAP == 1 << 32
-    assert [each.sequence for each in ran(ScriptedAir())][:5] == [1, 2, 0, 1, 2]
+def test_the_number_wraps() -> None:
+    air = ScriptedAir(clock_us=50_000 * (WRAP - 3))
+    assert [each.sequence for each in ran(air)][:5] == [WRAP - 2, WRAP - 1, 0, 1, 2]
+    assert air.sent[1][1][2:6] == b"\xff\xff\xff\xff"
+
+
+@pytest.mark.parametrize("hz", [1, 4, 10])
+def test_a_sender_that_is_started_again_goes_on(hz: float) -> None:
+    """Without a pause even: no number comes twice, or goes back."""
+    air = ScriptedAir(wake_us=[700] * 1000)
+    first = ran(air, hz, 10)
+    second = ran(air, hz, 10)
+    numbers = [each.sequence for each in first + second]
+    assert all(a < b for a, b in pairwise(numbers))
 
 
 def test_what_is_not_taken_is_counted_and_its_number_is_used_up() -> None:
@@ -111,18 +122,20 @@ def test_what_is_not_taken_is_counted_and_its_number_is_used_up() -> None:
     sent = ran(air)
     assert [bool(each.failed) for each in sent] == [False, True, True, False, False, False, False, False]
     numbers = [struct.unpack_from("<I", packet, 2)[0] for _, packet in air.sent]
-    assert numbers == [1, 4, 5, 6, 7, 8], "whether it was sent is not known, so it is never sent again"
+    assert [each - FIRST for each in numbers] == [1, 4, 5, 6, 7, 8], (
+        "whether it was sent is not known, so it is never sent again"
+    )
     tally = Tally()
     for each in sent:
         tally.add(each)
     record = tally.record()
-    assert [record[key] for key in ("sequence", "sent", "failed", "skipped")] == [8, 6, 2, 0]
+    assert [record[key] for key in ("sequence", "sent", "failed", "skipped")] == [FIRST + 8, 6, 2, 0]
     assert {value for key, value in record.items() if "_us_" in key} == {0}
 
 
 def test_the_end_of_a_dongle() -> None:
     sender = beacons(ScriptedAir(gone_after=3), 4, None, lambda: False)
-    assert [next(sender).sequence for _ in range(3)] == [1, 2, 3]
+    assert [next(sender).sequence - FIRST for _ in range(3)] == [1, 2, 3]
     with pytest.raises(ConnectionLostError):
         next(sender)
     air = ScriptedAir(take_us=[0, *[None] * (SILENT_MAX - 1), 0, *[None] * SILENT_MAX])
