@@ -67,6 +67,7 @@ static void begin_epoch(clock_track_t *self, uint64_t stm32_us, uint64_t gap8_us
     self->doubt_blocks_us = 0;
     self->doubt_windows_us = 0;
     self->doubt_sag_us = 0;
+    self->doubt_stray_us = 0;
     self->doubt_early_us = 0;
     memset(self->apart, 0, sizeof self->apart);
     self->held_fill = 0;

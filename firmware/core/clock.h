@@ -85,6 +85,7 @@ typedef struct {
     uint32_t doubt_recent_us;  ///< by how much the line may be wrong: by these,
     uint32_t doubt_blocks_us;  ///< by the newest blocks,
     uint32_t doubt_sag_us;     ///< by the blocks of its window,
+    uint32_t doubt_stray_us;   ///< by a rate that stepped,
     uint32_t doubt_windows_us; ///< by the lines of shorter windows,
     uint32_t doubt_early_us;   ///< by a message that was too early
     uint8_t doubt_early_blocks;

@@ -12,7 +12,7 @@ enum {
     FINE_NS = 1000,     ///< ticks that are no longer than this hide nothing
     COARSE_NS = 100000, ///< messages may all come at the same place in such a tick
     LATE_US = 100000,   ///< later is no delay
-    DOUBT = 14,         ///< a gap of this mean delays per message has a chance of e^-14
+    DOUBT = 9,          ///< a gap of this mean delays per message has a chance of e^-9
 };
 
 static inline int32_t passed(uint64_t from, uint64_t to) {

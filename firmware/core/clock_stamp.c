@@ -13,7 +13,7 @@ enum {
 /// By how much the line may be wrong, by what does not agree with it.
 static uint32_t doubt_us(const clock_track_t *self) {
     const uint32_t each[] = {self->doubt_recent_us, self->doubt_blocks_us, self->doubt_windows_us,
-                             self->doubt_early_us, self->doubt_sag_us};
+                             self->doubt_early_us,  self->doubt_sag_us,    self->doubt_stray_us};
     uint32_t most = 0;
     for (uint8_t i = 0; i < sizeof each / sizeof each[0]; i++) {
         most = each[i] > most ? each[i] : most;

@@ -3,12 +3,15 @@
 enum {
     APART_COUNT = 32, ///< blocks that the means of the shortest window are over
     VOTES_MIN_Q16 = 20000,
-    SKEW_LIMIT_Q31 = 64424509,   ///< 3 %
-    SKEW_KNOWN_US = 4000000,     ///< window that makes a skew worth keeping
-    SKEW_SPAN_US = 2000000,      ///< shorter ones are of less worth than a skew that was kept
-    LEAP_US = 1000,              ///< starved by more: a leap, not drift
-    MESSAGES_MIN = 8,            ///< for a first line
-    SAG = 9,                     ///< as DOUBT, of many blocks
+    SKEW_LIMIT_Q31 = 64424509, ///< 3 %
+    SKEW_KNOWN_US = 4000000,   ///< window that makes a skew worth keeping
+    SKEW_SPAN_US = 2000000,    ///< shorter ones are of less worth than a skew that was kept
+    LEAP_US = 1000,            ///< starved by more: a leap, not drift
+    MESSAGES_MIN = 8,          ///< for a first line
+    SAG = 8,                   ///< as DOUBT, of many blocks
+    STRAY_BLOCKS = 12,         ///< since when the rate may be another
+    STRAY_SHIFT = 10,          ///< time in 2^10 us
+    STRAY_RATE_BITS = 7,
     STARVED = 24,                ///< as DOUBT: history is wrong
     STARVED_BLOCKS_US = 1000000, ///< for so long
 };
@@ -223,6 +226,34 @@ static void sag(clock_track_t *self) {
     }
 }
 
+/// By how much the newest blocks are late as if the rate had stepped some blocks ago, when that is no chance.
+/// They all lie below a straight line that leaves the old one there, and the steepest such touches one of
+/// them. How far it is below the old one, summed over all their messages, is exponential as one delay is: no
+/// test of these blocks is sharper, if the rate did step there.
+static void stray(clock_track_t *self) {
+    self->doubt_stray_us = 0;
+    for (uint8_t since = 2; since <= STRAY_BLOCKS && since < self->blocks_fill; since++) {
+        const int32_t begin_us = self->blocks[self->blocks_fill - 1 - since].gap8_us;
+        uint32_t least = UINT32_MAX; // rate
+        uint64_t weight = 0;
+        for (uint8_t i = 0; i < since && least > 0; i++) {
+            const clock_block_t *block = &self->blocks[self->blocks_fill - 1 - i];
+            const int64_t gap_q8 =
+                line_at(&self->line, block->gap8_us) - (int64_t)block->ahead_us * Q8 - hidden_q8(self);
+            const uint32_t late_q8 = gap_q8 > 0 ? at_most((uint64_t)gap_q8, LATE_US * Q8) : 0;
+            const uint32_t after = (uint32_t)(block->gap8_us - begin_us) >> STRAY_SHIFT;
+            const uint32_t rate = (late_q8 << STRAY_RATE_BITS) / (after + 1);
+            least = rate < least ? rate : least;
+            weight += (uint64_t)after * block->count;
+        }
+        if (least * weight >> STRAY_RATE_BITS > (uint64_t)DOUBT * self->mean_q8) {
+            const uint32_t now = (uint32_t)-begin_us >> STRAY_SHIFT;
+            const uint32_t far_us = at_most(((uint64_t)least * now >> STRAY_RATE_BITS) / Q8, LATE_US);
+            self->doubt_stray_us = far_us > self->doubt_stray_us ? far_us : self->doubt_stray_us;
+        }
+    }
+}
+
 void clock_track_window_renew(clock_track_t *self) {
     uint32_t count = 0;
     for (uint8_t i = 0; i < self->blocks_fill && count < MESSAGES_MIN; i++) {
@@ -233,6 +264,7 @@ void clock_track_window_renew(clock_track_t *self) {
         self->fitted = true;
         starve(self);
         sag(self);
+        stray(self);
     }
     if (self->window_us >= SKEW_KNOWN_US) {
         self->skewed = true;
