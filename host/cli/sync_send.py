@@ -6,7 +6,7 @@ import argparse
 import sys
 from array import array
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from typing import Any
 
 from ..protocol.errors import LocalError, PeerError
@@ -19,6 +19,8 @@ from .new_file import new_file
 HZ_MIN, HZ_MAX = 1.0, 10.0
 SECOND_US = 1_000_000
 INTERRUPTED = 130
+CLEAR = "\r\x1b[K"
+"""The line of a terminal."""
 
 
 class Tally:
@@ -62,30 +64,42 @@ def run(arguments: argparse.Namespace) -> int:
         raise LocalError(
             f"--duration {arguments.duration:g}: too short for a beacon: the first comes after half a period"
         )
-    with ExitStack() as ends, Interrupt() as interrupt:
-        air = ends.enter_context(closing(open_air(arguments.port)))
-        log = ends.enter_context(host_log(arguments.log)) if arguments.log else None
-        whole, second, lost = Tally(), Tally(), None
-        begin_us = air.now_us()
-        said_us = begin_us + SECOND_US
-        try:
-            for sent in beacons(air, arguments.hz, arguments.duration, lambda: interrupt.asked, arguments.reset):
-                if sent.host_us >= said_us:
-                    tell(second, (sent.host_us - begin_us) // SECOND_US, arguments.json)
-                    second, said_us = Tally(), said_us + (sent.host_us - said_us) // SECOND_US * SECOND_US + SECOND_US
-                second.add(sent)
-                whole.add(sent)
-                if log and not sent.failed:
-                    log.add(sent.sequence, sent.host_us, sent.done_us)
-        except PeerError as error:
-            lost = error
-        if not whole.late_us:
-            raise lost or KeyboardInterrupt  # and no log
+    if arguments.log == "":
+        raise LocalError("--log: its name is empty")
+    with closing(open_air(arguments.port)) as air, Interrupt() as interrupt:
+        whole = Tally()
+        with host_log(arguments.log) if arguments.log else nullcontext() as log:
+            lost = send(air, arguments, interrupt, log, whole)
+            if not whole.late_us:
+                raise lost or KeyboardInterrupt  # and no log
+        if lost and not isinstance(lost, PeerError):
+            raise lost
         finish(whole, air, arguments.json)
     if lost:
         kept = f"; {arguments.log} has what was sent before" if log else ""
         raise type(lost)(f"{lost} ({len(whole.late_us)} beacons were sent{kept})")
     return INTERRUPTED if interrupt.asked and arguments.duration is not None else 0
+
+
+def send(
+    air: Air, arguments: argparse.Namespace, interrupt: Interrupt, log: HostLog | None, whole: Tally
+) -> BaseException | None:
+    """Why it ended before its time: the dongle, a reader of our lines that has enough, a second Ctrl-C. Whatever that
+    was, the log is to be ended."""
+    second, begin_us = Tally(), air.now_us()
+    said_us = begin_us + SECOND_US
+    try:
+        for sent in beacons(air, arguments.hz, arguments.duration, lambda: interrupt.asked, arguments.reset):
+            if log and not sent.failed:
+                log.add(sent.sequence, sent.host_us, sent.done_us)
+            whole.add(sent)
+            if sent.host_us >= said_us:
+                tell(second, (sent.host_us - begin_us) // SECOND_US, arguments.json)
+                second, said_us = Tally(), said_us + (sent.host_us - said_us) // SECOND_US * SECOND_US + SECOND_US
+            second.add(sent)
+    except (PeerError, BrokenPipeError, KeyboardInterrupt) as error:
+        return error
+    return None
 
 
 @contextmanager
@@ -117,7 +131,7 @@ def tell(second: Tally, seconds: int, as_json: bool) -> None:
     lost = f", {second.failed} not taken" * bool(second.failed) + f", {second.skipped} left out" * bool(second.skipped)
     said = f"{seconds:6} s  beacon {second.sequence}{lost}  {late(record)}"
     # On a terminal each line takes the place of the one before it.
-    print(f"{said:<100}", end="\r" if sys.stdout.isatty() else "\n", flush=True)
+    print(f"{CLEAR}{said}" if sys.stdout.isatty() else said, end="" if sys.stdout.isatty() else "\n", flush=True)
 
 
 def late(record: dict[str, Any]) -> str:
@@ -132,6 +146,7 @@ def finish(whole: Tally, air: Air, as_json: bool) -> None:
     if as_json:
         print(line({"event": "summary", **record, "heard": air.heard}))
         return
+    print(CLEAR if sys.stdout.isatty() else "", end="")
     print(f"{record['sent']} beacons sent, {whole.failed} that the dongle did not take, {whole.skipped} left out")
     for word, key in (
         ("late against the schedule", "late_us"),

@@ -166,6 +166,7 @@ def test_what_the_dongle_is_told_is_bytes_alone() -> None:
         (["--port", "sim://swarm", "--hz", "nan"], "--hz nan: allowed is 1 to 10"),
         (["--port", "sim://swarm", "--duration", "0"], "allowed is more than 0"),
         (["--port", "sim://swarm", "--duration", "0.1"], "too short for a beacon"),
+        (["--port", "sim://swarm", "--log", ""], "--log: its name is empty"),
         (["--port", "sim://swarm?beacon_hz=1"], "beacon_hz is another host"),
         (["--port", "sim://nowhere"], "nowhere"),
         (["--port", "/dev/ttyUSB0"], "nothing that broadcasts: give radio://"),
