@@ -21,6 +21,8 @@ NAME = "fixedFrequency"
 FIXED_FREQUENCY = 0xFFFF
 """Its id in later versions; here it has none."""
 HEADER_MAX = 1 + 255 * 64
+PRINTABLE = bytes(byte if 0x21 <= byte <= 0x7E else 0x3F for byte in range(256))
+"""What of a damaged name no log of version 2 could have becomes a question mark."""
 CRC_BYTES = 4
 GOOD = 0xFFFFFFFF
 """CRC of some bytes and their inverted CRC behind them."""
@@ -60,7 +62,7 @@ def read_header(data: memoryview) -> tuple[EventType, int]:
         end = text.find(b",", at)
         if end < 0:
             raise HeaderError(at, "the file is cut off in the header")
-        variables.append(variable(text[at:end].decode("ascii", "replace"), end))
+        variables.append(variable(text[at:end].translate(PRINTABLE).decode("ascii"), end))
         at = end + 1
     if at + CRC_BYTES > len(data):
         raise HeaderError(at, "the file is cut off in the header")

@@ -11,6 +11,7 @@ import pytest
 from logs import FIXED, VERSION_2, VERSION_2019, Writer, check_account, check_damaged, fill, real, spans
 
 from host.usd.decode import decode
+from host.usd.repair import repair
 
 CASES = int(os.environ.get("SPINDECK_USD_CASES", "3"))
 SECTOR = 512
@@ -258,6 +259,23 @@ def test_the_format_of_2019_cut_off_and_flipped(name: str) -> None:
         assert set(rows.data[rows.is_verified].tolist()) <= set(whole.tolist())
         assert not log.is_whole
         check_account(log)
+
+
+def test_damaged_names_of_2019_make_a_log_that_can_be_read() -> None:
+    data = real("swap-3/cf50_00")
+    kept = 0
+    for seed in range(20 + CASES):
+        rng = random.Random(f"names {seed}")
+        broken = bytearray(data[:3000])
+        for _ in range(3):
+            broken[rng.randrange(10, 610)] = rng.randrange(256)
+        log = decode(broken)
+        if log.row_count:
+            again = decode(repair(broken, log))
+            rows, before = (each.rows["fixedFrequency"] for each in (again, log))
+            assert (len(rows), rows.type.variables) == (len(before), before.type.variables), seed
+            kept += 1
+    assert kept > 5
 
 
 def test_random_bytes_behind_a_header() -> None:
