@@ -13,6 +13,7 @@ from urllib.parse import quote, urlencode
 
 from ..protocol.errors import LocalError
 from ..protocol.typed import integer
+from . import sim_example
 
 if TYPE_CHECKING:
     from sim.scenario import Scenario
@@ -35,7 +36,7 @@ True time begins with the first client. A second client of the same robot is sen
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declares the command and its options."""
-    this = commands.add_parser("sim", help="the simulator: serve its robots to any client")
+    this = commands.add_parser("sim", help="the simulator: serve its robots to any client; make examples")
     below = this.add_subparsers(dest="sim_command", metavar="COMMAND", title="commands", required=True)
     serve = below.add_parser(
         "serve",
@@ -64,6 +65,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     add("--json", action="store_true", help="JSON lines on stdout")
     add("settings", nargs="*", metavar="KEY=VALUE", help="keys of docs/SCENARIOS.md")
     serve.set_defaults(run=run)
+    sim_example.add_parser(below)
 
 
 def run(arguments: argparse.Namespace) -> int:
