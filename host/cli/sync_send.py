@@ -12,13 +12,13 @@ from typing import Any
 from ..protocol.errors import LocalError, PeerError
 from ..radio.broadcast import Air, Sent, beacons
 from ..usd.host_log import HostLog
+from . import EXIT_INTERRUPTED
 from .as_json import line
 from .interrupt import Interrupt
 from .new_file import new_file
 
 HZ_MIN, HZ_MAX = 1.0, 10.0
 SECOND_US = 1_000_000
-INTERRUPTED = 130
 CLEAR = "\r\x1b[K"
 """The line of a terminal."""
 
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     if lost:
         kept = f"; {arguments.log} has what was sent before" if log else ""
         raise type(lost)(f"{lost} ({len(whole.late_us)} beacons were sent{kept})")
-    return INTERRUPTED if interrupt.asked and arguments.duration is not None else 0
+    return EXIT_INTERRUPTED if interrupt.asked and arguments.duration is not None else 0
 
 
 def send(

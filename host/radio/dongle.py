@@ -48,7 +48,7 @@ class Dongle:
             usb.util.claim_interface(self._device, crazyradio.INTERFACE)
             for control in crazyradio.settings(wanted):
                 self._tell(control)
-        except usb.core.USBError as error:
+        except (usb.core.USBError, NotImplementedError) as error:
             self.close()
             raise LocalError(f"{url}: {why(error)}") from error
         try:
@@ -131,6 +131,8 @@ def dongles() -> list[str | None]:
 
 def why(error: Any) -> str:
     """A dongle that is there cannot be used."""
+    if isinstance(error, NotImplementedError):
+        return "the dongle has no driver that libusb can use: on Windows, WinUSB"
     if error.errno in (errno.EACCES, errno.EPERM):
         return f"no permission to use the dongle. This helps: {PERMIT}"
     if error.errno == errno.EBUSY:

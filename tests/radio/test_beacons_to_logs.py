@@ -3,7 +3,9 @@ the STM32's app, the logs on the cards, `host sync robots`."""
 
 import json
 import sys
+import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,7 @@ from host.radio.dongle import Dongle
 from host.usd.decode import decode
 from host.usd.host_log import HostLog
 from sim.radio import HOST_START_US
+from sim.serial.air import SimulatedAir
 from sim.world import World
 
 PPM = [250.0, -250.0]
@@ -203,6 +206,16 @@ def test_a_broadcast_changes_nothing_for_what_the_scenario_sends() -> None:
             return world.radio.heard_resets
 
     assert resets(0) == resets(3)
+
+
+def test_a_simulated_air_keeps_to_the_wall_clock_and_can_be_stopped() -> None:
+    with closing(SimulatedAir("sim://swarm?robots=1&camera_fps=0")) as air:
+        begin_us, begin_s = air.now_us(), time.monotonic()
+        air.wait_until(begin_us + 50_000, lambda: False)
+        assert air.now_us() == begin_us + 50_000
+        assert time.monotonic() - begin_s >= 0.04, "not ahead of it"
+        air.wait_until(begin_us + 10**12, lambda: True)
+        assert air.now_us() == begin_us + 50_000
 
 
 def test_simulated_robots_without_a_dongle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -189,6 +189,12 @@ def test_why_it_cannot_be_opened(
     assert "unplug it and plug it in again" in said()
     plug(FakeDongle(fail=raising("control", "Input/Output Error", errno.EIO, after=6)))
     assert "unplug it and plug it in again" in said()
+
+    def unsupported(what: str) -> None:
+        raise NotImplementedError("Operation not supported or unimplemented on this platform")
+
+    plug(FakeDongle(fail=unsupported))
+    assert "on Windows, WinUSB" in said()
     monkeypatch.setattr(usb.backend.libusb1, "get_backend", lambda: None)
     for name in ("libusb0", "openusb"):
         monkeypatch.setattr(f"usb.backend.{name}.get_backend", lambda: None)
