@@ -278,6 +278,8 @@ def open_serial(url: str, scheme: str, baud: int) -> Any:
             raise LocalError(
                 f"{url}: the simulator cannot be loaded; this says why: python -c 'import sim.serial.protocol_sim'"
             ) from error
+        if scheme == "radio":
+            raise LocalError(f"{url}: a Crazyradio brings no images: it is for 'host sync beacons'") from error
         raise LocalError(
             f"{url}: {scheme}:// is not known. Use socket://ADDRESS:PORT, sim://SCENARIO, replay://FILE, "
             "rfc2217://ADDRESS:PORT, or a serial device such as /dev/ttyUSB0 or COM3"

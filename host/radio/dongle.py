@@ -92,6 +92,8 @@ def find(usb: Any, url: str, dongle: int | str) -> Any:
         raise LocalError(
             f"{url}: pyusb finds no libusb: sudo apt install libusb-1.0-0, or brew install libusb"
         ) from error
+    except usb.core.USBError as error:
+        raise LocalError(f"{url}: this computer's USB cannot be looked at: {error.strerror}") from error
     if not found:
         raise NotThereError(f"{url}: no Crazyradio is plugged in (USB 1915:7777); sim://swarm needs none")
     if isinstance(dongle, int):
@@ -115,7 +117,7 @@ def serial_of(usb: Any, device: Any) -> str | None:
     """None: this user may not ask it."""
     try:
         return str(device.serial_number)
-    except (ValueError, usb.core.USBError):
+    except (ValueError, NotImplementedError, usb.core.USBError):
         return None
 
 
@@ -125,7 +127,7 @@ def dongles() -> list[str | None]:
         import usb.core
 
         return [serial_of(usb, each) for each in plugged_in(usb)]
-    except (ImportError, ValueError):  # pyusb's NoBackendError is a ValueError
+    except (ImportError, ValueError, OSError):  # what pyusb's NoBackendError and USBError are
         return []
 
 

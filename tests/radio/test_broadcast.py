@@ -176,3 +176,8 @@ def test_what_the_dongle_is_told_is_bytes_alone() -> None:
 def test_what_is_refused(more: list[str], why: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sync", "beacons", *more]) == 2
     assert why in capsys.readouterr().err
+
+
+def test_a_radio_is_no_port_for_images(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stream", "--port", "radio://0/80/2M"]) == 2
+    assert "it is for 'host sync beacons'" in capsys.readouterr().err

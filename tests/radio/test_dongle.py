@@ -142,6 +142,15 @@ def test_ports_lists_them(plug: Plug, monkeypatch: pytest.MonkeyPatch, capsys: p
     assert "no permission" in table
     plug()
     assert listed() == []
+
+    def unreadable(*_: object) -> None:
+        raise usb.core.USBError("Other error", -99, None)
+
+    plug(FakeDongle())
+    monkeypatch.setattr(FakeUsb, "enumerate_devices", unreadable)
+    assert listed() == []
+    assert main(["sync", "beacons", "--port", "radio://0/80/2M"]) == 2
+    assert "this computer's USB cannot be looked at: Other error" in capsys.readouterr().err
     for name in ("libusb0", "libusb1", "openusb"):
         monkeypatch.setattr(f"usb.backend.{name}.get_backend", lambda: None)
     assert listed() == []
