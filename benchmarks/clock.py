@@ -34,6 +34,7 @@ CASES: dict[str, dict[str, Any]] = {
     "typical, 2 % 5 to 50 ms late": {"oscillator": "typ", "late": 0.02},
     "typical, ticks of 30.5 us": {"oscillator": "typ", "gap8_tick_us": RTC_US},
     "84/85, ticks of 1 ms": {"oscillator": "presc85", "gap8_tick_us": 1000},
+    "typical, ticks of 1 ms": {"oscillator": "typ", "gap8_tick_us": 1000},
 }
 
 

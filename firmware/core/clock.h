@@ -7,6 +7,10 @@
 /// that the oscillators allow is used: how far the lines are apart says how much they wander (docs/DESIGN.md,
 /// "Time on the GAP8"). A delay that all messages share cannot be seen and is not in the bound.
 ///
+/// In ticks of more than 0.1 ms no message shows that edge. There blocks keep the means of their messages,
+/// the line goes among them, and it is lifted by the mean delay, which their scatter shows. Delays of less
+/// than a fifth of a tick hardly move a message from one tick to the next: it may then be half a tick off.
+///
 /// Integers only. A message costs one multiplication and no division, and once per block a pass over 64
 /// points. The clocks are raw readings of 32 bits or more, which may wrap; differences are taken in 32 bits.
 #ifndef SPINDECK_CORE_CLOCK_H
@@ -34,10 +38,18 @@ typedef struct {
 } clock_known_t;
 
 typedef struct {
-    int32_t gap8_us;  ///< of the earliest message, after the anchor
+    int32_t gap8_us;  ///< of the earliest message, or their mean; after the anchor
     int32_t ahead_us; ///< its T - G
     uint16_t count;   ///< messages; 0: the block is empty
 } clock_block_t;
+
+/// Of a block's messages, where ticks are coarse.
+typedef struct {
+    int64_t gap8_us;
+    int64_t ahead_us;
+    uint64_t square_q16; ///< of their distance from the line of means
+    uint32_t late;       ///< so much that they are not among these
+} clock_sums_t;
 
 /// b + s g, of T - G in us * 256, g in us after the anchor.
 typedef struct {
@@ -94,6 +106,9 @@ typedef struct {
     uint32_t block_us;    ///< length of a block
     clock_block_t open;   ///< block under way
     int64_t open_best_q8; ///< its best message against the line
+    clock_sums_t open_sums;
+    uint64_t scatter_q16; ///< mean square of messages about the line of their means, of coarse ticks,
+    uint8_t scatter_fill; ///< over so many blocks
     int32_t open_begin_us;
     uint64_t held_stm32_us; ///< first of the messages that agree with each other and not with the line
     uint64_t held_gap8_us;

@@ -8,6 +8,10 @@ enum {
     SPAN_US = 1000000000,  ///< of a line: differences keep to 32 bits
     MEAN_Q8_MAX = 1 << 27, ///< of which 14 keep to 32 bits
     Q16 = 65536,
+    COARSE_STEPS =
+        5, ///< of coarse ticks every fifth frame is kept: the longer they span, the more they spread
+    ABOVE_Q8_MAX = 1 << 25,
+    LATEST_MEANS_10THS = 46, ///< 99 % of exponential latencies are less
 };
 
 /// r + p k, where the frame that came last is at k = 0, r in us * 256 after its reading.
@@ -87,9 +91,16 @@ static uint32_t steps(const clock_track_t *self, uint32_t gap8_us) {
     return fits ? (uint32_t)count : 0;
 }
 
-/// False: it is off the line. One may be, some in a row begin another one.
-static bool keep(clock_track_t *self, uint32_t gap8_us) {
+/// False: it is off the line, of which one may be; some in a row begin another one. `after`: how many periods
+/// the frame is after the newest that is kept.
+static bool keep(clock_track_t *self, uint32_t gap8_us, uint32_t *after) {
     const uint32_t count = self->frames_fill == 0 ? 0 : steps(self, gap8_us);
+    *after = 0;
+    if (is_coarse(self) && count > 0 && count < COARSE_STEPS && self->frames_fill > 1) {
+        self->frames_off = 0;
+        *after = count;
+        return self->frames_fill >= FRAMES_MIN;
+    }
     if (count == 0 && self->frames_fill >= FRAMES_MIN && self->frames_off + 1 < OFF_MAX) {
         self->frames_off++;
         return false;
@@ -107,6 +118,26 @@ static bool keep(clock_track_t *self, uint32_t gap8_us) {
     return self->frames_fill >= FRAMES_MIN;
 }
 
+/// Of coarse ticks: from the reading to the line among the readings instead of below them, for lateness is
+/// small against a tick. `after`: periods since the newest frame that is kept.
+static int32_t coarse_shift(const clock_track_t *self, const frames_line_t *line, uint32_t gap8_us,
+                            uint32_t after) {
+    clock_moments_t moments = {0};
+    for (uint8_t i = 0; i < self->frames_fill; i++) {
+        const int64_t below_q8 = line->last_q8 + line->period_q16 * number(self, i) / Q8;
+        const int64_t above_q8 = (int64_t)reading(self, i) * Q8 - below_q8;
+        clock_moments_add(&moments, 1, number(self, i), above_q8 < ABOVE_Q8_MAX ? above_q8 : ABOVE_Q8_MAX);
+    }
+    const clock_least_squares_t among = clock_moments_line(&moments);
+    const int64_t above_q8 = among.mean_y + among.slope_q16 * ((int64_t)after - among.mean_x) / Q16;
+    const int64_t end_q8 = line->last_q8 + line->period_q16 * after / Q8 + above_q8;
+    const int64_t read_q8 = (int64_t)(int32_t)(gap8_us - self->frames_gap8_us[self->frames_head]) * Q8;
+    const int64_t latency_q8 = (int64_t)self->known.latency_us * Q8;
+    const int64_t tick = tick_q8(self);
+    const int64_t shift_q8 = end_q8 - read_q8 + tick / 2 - latency_q8 * 10 / LATEST_MEANS_10THS;
+    return (int32_t)(shift_q8 > tick ? tick : shift_q8 < -latency_q8 ? -latency_q8 : shift_q8);
+}
+
 clock_reading_t clock_track_frame(clock_track_t *self, uint64_t gap8_us, bool regular) {
     const uint32_t tick = tick_q8(self);
     const clock_reading_t alone = {(int32_t)(tick / 2), self->known.latency_us * Q8};
@@ -114,10 +145,14 @@ clock_reading_t clock_track_frame(clock_track_t *self, uint64_t gap8_us, bool re
         self->frames_fill = 0;
         return alone;
     }
-    if (!keep(self, (uint32_t)gap8_us)) {
+    uint32_t after = 0;
+    if (!keep(self, (uint32_t)gap8_us, &after)) {
         return alone;
     }
     const frames_line_t line = lower_line(self);
+    if (is_coarse(self)) {
+        return (clock_reading_t){coarse_shift(self, &line, (uint32_t)gap8_us, after), alone.spread_q8};
+    }
     const uint32_t count = self->frames_fill;
     const uint32_t half = tick / 2;
     // Where phases sweep over the tick, readings are half of it apart on average, and a whole one early at

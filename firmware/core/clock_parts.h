@@ -9,10 +9,11 @@
 enum {
     Q8 = 256,
     BLOCK_LAST_US = 250000,
-    FINE_NS = 1000,     ///< ticks that are no longer than this hide nothing
-    COARSE_NS = 100000, ///< messages may all come at the same place in such a tick
-    LATE_US = 100000,   ///< later is no delay
-    DOUBT = 9,          ///< a gap of this mean delays per message has a chance of e^-9
+    FINE_NS = 1000,            ///< ticks that are no longer than this hide nothing
+    COARSE_NS = 100000,        ///< messages may all come at the same place in such a tick
+    SKEW_LIMIT_Q31 = 64424509, ///< 3 %
+    LATE_US = 100000,          ///< later is no delay
+    DOUBT = 9,                 ///< a gap of this mean delays per message has a chance of e^-9
 };
 
 static inline int32_t passed(uint64_t from, uint64_t to) {
@@ -27,15 +28,26 @@ static inline uint32_t at_most(uint64_t value, uint32_t limit) {
     return value < limit ? (uint32_t)value : limit;
 }
 
+static inline int32_t clamp_skew(int64_t skew_q31) {
+    const int64_t low = skew_q31 > -SKEW_LIMIT_Q31 ? skew_q31 : -SKEW_LIMIT_Q31;
+    return (int32_t)(low < SKEW_LIMIT_Q31 ? low : SKEW_LIMIT_Q31);
+}
+
 static inline uint32_t tick_q8(const clock_track_t *self) {
     const uint32_t tick_ns = self->known.tick_ns < FINE_NS ? FINE_NS : self->known.tick_ns;
     return (uint32_t)((uint64_t)tick_ns * Q8 / 1000);
 }
 
+/// No message shows the edge of the delays in such ticks, but the mean of many is theirs, if they spread the
+/// ticks (clock_coarse.c).
+static inline bool is_coarse(const clock_track_t *self) {
+    return self->known.tick_ns > COARSE_NS;
+}
+
 /// By how much apart the same instant may be read; with coarse ticks a line and a message may each be so
 /// wrong.
 static inline uint32_t hidden_q8(const clock_track_t *self) {
-    const uint32_t ticks = self->known.tick_ns > COARSE_NS ? 2 : 1;
+    const uint32_t ticks = is_coarse(self) ? 2 : 1;
     return self->known.tick_ns > FINE_NS ? ticks * tick_q8(self) : 0;
 }
 
@@ -55,6 +67,33 @@ void clock_track_blocks_add(clock_track_t *self, int32_t gap8_us, int32_t ahead_
 void clock_track_blocks_close(clock_track_t *self, int32_t gap8_us);
 /// The oldest.
 void clock_track_blocks_drop(clock_track_t *self, uint8_t count);
+
+// clock_coarse.c
+/// Points that a line goes among.
+typedef struct {
+    int64_t weight;
+    int64_t x;
+    int64_t y;
+    int64_t xx;
+    int64_t xy;
+} clock_moments_t;
+
+/// mean_y + slope_q16 (x - mean_x)
+typedef struct {
+    int64_t mean_x;
+    int64_t mean_y;
+    int64_t slope_q16;
+} clock_least_squares_t;
+
+/// |x| < 2^16, |y| < 2^26; all weights together less than 2^14.
+void clock_moments_add(clock_moments_t *self, int64_t weight, int64_t x, int64_t y);
+clock_least_squares_t clock_moments_line(const clock_moments_t *self);
+/// The line of these blocks' means, lifted to where no message is late. `tilted`: its skew is known.
+clock_line_t clock_track_means(const clock_track_t *self, uint8_t blocks, bool is_tilted);
+/// By how much a message is below that line on average.
+uint32_t clock_track_means_below(const clock_track_t *self);
+/// The open block is full: how messages scatter, of which a part is the ticks and the rest their delays.
+void clock_track_scatter(clock_track_t *self);
 
 // clock_window.c
 /// The line of the blocks as they are now. Blocks that the newest contradict for long enough are given up.

@@ -46,9 +46,7 @@ static uint16_t state_flags(const clock_track_t *self, uint64_t gap8_us, uint32_
 static uint64_t bound_us(const clock_track_t *self, uint64_t gap8_us, uint32_t spread_q8) {
     const uint64_t reach_q8 = Q8 + (uint64_t)reach_us(self, gap8_us) * 2 * Q8 / (self->window_us + 1);
     const uint64_t wander_q8 = self->wander_q8 * reach_q8 / Q8 * reach_q8 / Q8;
-    const uint32_t ticks = self->known.tick_ns > COARSE_NS ? 2 : 1;
-    const uint32_t ticks_q8 = ticks * tick_q8(self);
-    return (self->noise_q8 * reach_q8 / Q8 + wander_q8 + ticks_q8 + spread_q8) / Q8 + 1 + doubt_us(self);
+    return (self->noise_q8 * reach_q8 / Q8 + wander_q8 + tick_q8(self) + spread_q8) / Q8 + 1 + doubt_us(self);
 }
 
 /// The known delay in GAP8 time. It is the STM32's crystal that sets it, and of the two clocks' skew only

@@ -3,14 +3,13 @@
 enum {
     APART_COUNT = 32, ///< blocks that the means of the shortest window are over
     VOTES_MIN_Q16 = 20000,
-    SKEW_LIMIT_Q31 = 64424509, ///< 3 %
-    SKEW_KNOWN_US = 4000000,   ///< window that makes a skew worth keeping
-    SKEW_SPAN_US = 2000000,    ///< shorter ones are of less worth than a skew that was kept
-    LEAP_US = 1000,            ///< starved by more: a leap, not drift
-    MESSAGES_MIN = 8,          ///< for a first line
-    SAG = 8,                   ///< as DOUBT, of many blocks
-    STRAY_BLOCKS = 12,         ///< since when the rate may be another
-    STRAY_SHIFT = 10,          ///< time in 2^10 us
+    SKEW_KNOWN_US = 4000000, ///< window that makes a skew worth keeping
+    SKEW_SPAN_US = 2000000,  ///< shorter ones are of less worth than a skew that was kept
+    LEAP_US = 1000,          ///< starved by more: a leap, not drift
+    MESSAGES_MIN = 8,        ///< for a first line
+    SAG = 8,                 ///< as DOUBT, of many blocks
+    STRAY_BLOCKS = 12,       ///< since when the rate may be another
+    STRAY_SHIFT = 10,        ///< time in 2^10 us
     STRAY_RATE_BITS = 7,
     STARVED = 24,                ///< as DOUBT: history is wrong
     STARVED_BLOCKS_US = 1000000, ///< for so long
@@ -40,7 +39,13 @@ static uint32_t tick_error(const clock_track_t *self, uint32_t count) {
     return clock_root((uint64_t)tick_q8(self) * self->mean_q8 / count);
 }
 
+/// In steps of 1/3 of what a line's end is off by, on average.
 static uint32_t per_message(const clock_track_t *self, uint32_t count, uint32_t times) {
+    if (is_coarse(self)) {
+        return at_most(((uint64_t)clock_root(self->scatter_q16 / count) * 9 / 16 + tick_q8(self) / 32) *
+                           times,
+                       (uint32_t)1 << 30);
+    }
     const uint64_t delays = (uint64_t)self->mean_q8 * times / count;
     return at_most(delays + (uint64_t)tick_error(self, count) * times / 4, (uint32_t)1 << 30);
 }
@@ -54,7 +59,7 @@ static uint32_t low_by(const clock_track_t *self, uint32_t count, uint32_t point
 /// The edge of the upper hull of the newest blocks, two or more, that spans their mean time: of all lines
 /// above all points it is the one with the least sum of distances. It is too low by 2 mean delays per
 /// message.
-static fit_t fit(const clock_track_t *self, uint8_t blocks) {
+static fit_t edge(const clock_track_t *self, uint8_t blocks) {
     const clock_block_t *from = self->blocks + self->blocks_fill - blocks;
     uint8_t hull[CLOCK_BLOCKS] = {0};
     uint8_t fill = 0;
@@ -80,18 +85,30 @@ static fit_t fit(const clock_track_t *self, uint8_t blocks) {
         return result;
     }
     const int64_t middle_us = moment / (int64_t)result.count;
-    uint8_t edge = 1;
-    while (edge + 1 < fill && from[hull[edge]].gap8_us < middle_us) {
-        edge++;
+    uint8_t at = 1;
+    while (at + 1 < fill && from[hull[at]].gap8_us < middle_us) {
+        at++;
     }
-    const clock_block_t *left = &from[hull[edge - 1]];
-    const clock_block_t *right = &from[hull[edge]];
-    int64_t skew = ((int64_t)right->ahead_us - left->ahead_us) * ((int64_t)1 << 31) /
-                   ((int64_t)right->gap8_us - left->gap8_us);
-    skew = skew > SKEW_LIMIT_Q31 ? SKEW_LIMIT_Q31 : skew < -SKEW_LIMIT_Q31 ? -SKEW_LIMIT_Q31 : skew;
-    result.line.skew_q31 = (int32_t)skew;
+    const clock_block_t *left = &from[hull[at - 1]];
+    const clock_block_t *right = &from[hull[at]];
+    const int64_t skew = ((int64_t)right->ahead_us - left->ahead_us) * ((int64_t)1 << 31) /
+                         ((int64_t)right->gap8_us - left->gap8_us);
+    result.line.skew_q31 = clamp_skew(skew);
     result.line.ahead_q8 =
         (int64_t)right->ahead_us * Q8 - line_at(&result.line, right->gap8_us) + low_by(self, result.count, 2);
+    return result;
+}
+
+static fit_t fit(const clock_track_t *self, uint8_t blocks) {
+    if (!is_coarse(self)) {
+        return edge(self, blocks);
+    }
+    const clock_block_t *from = self->blocks + self->blocks_fill - blocks;
+    const bool is_tilted = self->skewed && self->blocks[0].gap8_us > -SKEW_SPAN_US;
+    fit_t result = {clock_track_means(self, blocks, is_tilted), 0, (uint32_t)-from[0].gap8_us};
+    for (uint8_t i = 0; i < blocks; i++) {
+        result.count += from[i].count;
+    }
     return result;
 }
 
@@ -171,6 +188,12 @@ static void choose(clock_track_t *self) {
     }
 }
 
+/// By how much a block lies below the line, more than ticks hide.
+static int64_t gap(const clock_track_t *self, const clock_block_t *block) {
+    const uint32_t below_q8 = is_coarse(self) ? clock_track_means_below(self) : 0;
+    return line_at(&self->line, block->gap8_us) - (int64_t)block->ahead_us * Q8 - hidden_q8(self) - below_q8;
+}
+
 /// By how much the newest blocks lie below the line when that is no chance; history that they contradict for
 /// long enough is given up.
 static void starve(clock_track_t *self) {
@@ -180,8 +203,7 @@ static void starve(clock_track_t *self) {
     for (uint8_t i = 0; i < 8 && i < self->blocks_fill; i++) {
         const uint8_t at = (uint8_t)(self->blocks_fill - 1 - i);
         const clock_block_t *block = &self->blocks[at];
-        const int64_t each_q8 =
-            line_at(&self->line, block->gap8_us) - (int64_t)block->ahead_us * Q8 - hidden_q8(self);
+        const int64_t each_q8 = gap(self, block);
         gap_q8 = each_q8 < gap_q8 ? each_q8 : gap_q8;
         count += block->count;
         if (gap_q8 <= 0) {
@@ -216,8 +238,7 @@ static void sag(clock_track_t *self) {
     uint32_t count = 0;
     for (uint8_t i = 0; i < self->blocks_fill && count < self->window_count; i++) {
         const clock_block_t *block = &self->blocks[self->blocks_fill - 1 - i];
-        const int64_t gap_q8 =
-            line_at(&self->line, block->gap8_us) - (int64_t)block->ahead_us * Q8 - hidden_q8(self);
+        const int64_t gap_q8 = gap(self, block);
         sum_q8 += (gap_q8 < 0 ? 0 : at_most((uint64_t)gap_q8, LATE_US * Q8)) * (uint64_t)block->count;
         count += block->count;
         const uint64_t over_q8 = clock_late_by_no_chance(self, sum_q8, i + 1U, SAG);
@@ -238,8 +259,7 @@ static void stray(clock_track_t *self) {
         uint64_t weight = 0;
         for (uint8_t i = 0; i < since && least > 0; i++) {
             const clock_block_t *block = &self->blocks[self->blocks_fill - 1 - i];
-            const int64_t gap_q8 =
-                line_at(&self->line, block->gap8_us) - (int64_t)block->ahead_us * Q8 - hidden_q8(self);
+            const int64_t gap_q8 = gap(self, block);
             const uint32_t late_q8 = gap_q8 > 0 ? at_most((uint64_t)gap_q8, LATE_US * Q8) : 0;
             const uint32_t after = (uint32_t)(block->gap8_us - begin_us) >> STRAY_SHIFT;
             const uint32_t rate = (late_q8 << STRAY_RATE_BITS) / (after + 1);

@@ -92,7 +92,7 @@ def test_the_bound_holds_and_few_frames_are_flagged(name: str) -> None:
     )
     assert given.all()
     assert covered.mean() >= 0.985
-    assert flagged.mean() <= (0.02 if name == "ticks of 1 ms" else 0.01)
+    assert flagged.mean() <= 0.01
 
 
 def leap(by_us: int) -> Callable[[Receiver], None]:
