@@ -32,8 +32,9 @@ OUTLIER = 6.0
 MISFIT = 1.7
 NEAR = 4
 """Blocks."""
-KINKS = ((4, 6.0), (16, 4.0))
-"""A step of the rate is seen by so many blocks on either side, in sigmas."""
+KINK_SIDE = 16
+KINK_SIGMAS = 4.0
+"""A step of the rate is seen by so many blocks on either side."""
 KINK_PPM_MAX = 5000.0
 """More is no clock: messages that came late, many at once."""
 KINK = 1.2
@@ -44,7 +45,10 @@ END_S = 1e-3
 COVERED = 3.4
 """Sigmas of the declared bound, of 99 %, where the curve's noise is all there is."""
 BIAS = 0.7
-"""Of what Lepski's rule lets pass, as part of the bound."""
+"""Of what Lepski's rule lets pass, as part of the bound; and of what it does not, by the first blocks that are too
+long: where the rate steps a curve is off in proportion to its blocks, as it is from that of twice the length ..."""
+BEND_SIGMAS = 4.0
+"""... if that is no chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +95,7 @@ def smooth(time_s: Floats, offset_us: Floats, tick_us: float, block_s_max: float
     sigmas: list[Floats] = []
     valid = np.ones(len(grid), np.bool_)
     bias = np.zeros(len(grid))
+    bend = np.zeros(len(grid))
     for level in range(LEVELS_MAX):
         length_s = block_s * 2**level
         if level and (length_s > min((time_s[-1] - time_s[0]) / 6, block_s_max) or not valid.any()):
@@ -100,6 +105,7 @@ def smooth(time_s: Floats, offset_us: Floats, tick_us: float, block_s_max: float
         mu = np.interp(blocks.time_s, mu_time_s, mu_us)
         made = through(chosen, blocks, edge_noise(blocks, mu, tick_us), length_s)
         value, rate, scatter = made.at(grid), slope(made, grid), made.sigma_at(grid)
+        before = valid.copy()
         for below, (other, noise) in enumerate(zip(values, sigmas, strict=True)):
             away = deviance((other - value) / np.maximum(noise, 1e-9))
             mean, sigma = around(away, 2**below)
@@ -111,6 +117,8 @@ def smooth(time_s: Floats, offset_us: Floats, tick_us: float, block_s_max: float
             sigma = scatter
         else:
             bias = np.where(valid, np.abs(value - values[-1]), bias)
+            off = np.abs(value - chosen.offset_us)
+            bend = np.where(before & ~valid & (off > BEND_SIGMAS * chosen.sigma_us), off, bend)
             chosen = Track(
                 grid,
                 np.where(valid, value, chosen.offset_us),
@@ -121,7 +129,7 @@ def smooth(time_s: Floats, offset_us: Floats, tick_us: float, block_s_max: float
             block = np.where(valid, length_s, block)
         values.append(value)
         sigmas.append(scatter)
-    bound = COVERED * sigma + BIAS * bias + misfit(*finest, chosen)
+    bound = COVERED * sigma + BIAS * np.maximum(bias, bend) + misfit(*finest, chosen)
     bound += kinks(*finest, grid, block, block_s)
     return Smoothed(chosen, bound, block, mu_time_s, mu_us, kept)
 
@@ -202,22 +210,19 @@ def misfit(time_s: Floats, value_us: Floats, sigma_us: Floats, curve: Track) -> 
 def kinks(time_s: Floats, value_us: Floats, sigma_us: Floats, at_s: Floats, block_s: Floats, least_s: float) -> Floats:
     """How far off a curve of such blocks is where the rate steps nearby by more than noise explains: it cannot bend so
     fast. `least_s`: the shortest blocks, whose readings these are."""
-    found = np.zeros(len(at_s))
-    for side, sigmas in KINKS:
-        if len(time_s) < 2 * side + 1:
-            break
-        times, values, noise = (np.lib.stride_tricks.sliding_window_view(each, side) for each in
-                                (time_s, value_us, sigma_us))  # fmt: skip
-        apart_s = times - times.mean(axis=1, keepdims=True)
-        square = (apart_s**2).sum(axis=1)
-        rate = (apart_s * values).sum(axis=1) / square
-        variance = (noise**2).mean(axis=1) / square
-        step = np.abs(rate[side + 1 :] - rate[: -side - 1])
-        sure = step > sigmas * np.sqrt(variance[side + 1 :] + variance[: -side - 1])
-        here = np.pad(np.where(sure & (step < KINK_PPM_MAX), step, 0.0), side)
-        near = np.lib.stride_tricks.sliding_window_view(np.pad(here, NEAR), 2 * NEAR + 1).max(axis=1)
-        found = np.maximum(found, np.interp(at_s, time_s, near) * np.minimum(block_s, side * least_s))
-    return KINK * found
+    if len(time_s) < 2 * KINK_SIDE + 1:
+        return np.zeros(len(at_s))
+    times, values, noise = (np.lib.stride_tricks.sliding_window_view(each, KINK_SIDE) for each in
+                            (time_s, value_us, sigma_us))  # fmt: skip
+    apart_s = times - times.mean(axis=1, keepdims=True)
+    square = (apart_s**2).sum(axis=1)
+    rate = (apart_s * values).sum(axis=1) / square
+    variance = (noise**2).mean(axis=1) / square
+    step = np.abs(rate[KINK_SIDE + 1 :] - rate[: -KINK_SIDE - 1])
+    sure = step > KINK_SIGMAS * np.sqrt(variance[KINK_SIDE + 1 :] + variance[: -KINK_SIDE - 1])
+    here = np.pad(np.where(sure & (step < KINK_PPM_MAX), step, 0.0), KINK_SIDE)
+    near = np.lib.stride_tricks.sliding_window_view(np.pad(here, NEAR), 2 * NEAR + 1).max(axis=1)
+    return KINK * np.asarray(np.interp(at_s, time_s, near), np.float64) * np.minimum(block_s, KINK_SIDE * least_s)
 
 
 def deviance(away: Floats) -> Floats:

@@ -40,8 +40,6 @@ STEP_US = 600.0
 """Smaller steps are not told from changes of the rate."""
 STEP_SIGMAS = 10.0
 STEP_TICKS = 2.5
-KINK_BLOCKS = 2.0
-"""Smaller steps than the rate's change makes in so many blocks are that change."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,10 +238,6 @@ def stepped(level: Floats, gap8: Floats, why: str, coarse_us: float) -> list[tup
     usual = float(np.median(length))
     step = np.where((spans.max(axis=1) > 3 * usual) | (spans.min(axis=1) < usual / 3), 0.0, step)
     noise = float(np.median(np.abs(step))) / 0.6745
-    # Where the rate steps within a block, lines that are drawn on to its boundary miss each other too.
-    slope = (at - at.mean()) / ((at - at.mean()) ** 2).sum()
-    rate = np.convolve(least, slope[::-1], mode="valid")
-    step = np.where(np.abs(step) < KINK_BLOCKS * np.abs(rate[SIDE:] - rate[: len(rate) - SIDE]), 0.0, step)
     size = np.abs(step)
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(size, SIDE), 2 * SIDE + 1).max(axis=1)
     peaks = np.flatnonzero((size == windows) & (size > max(STEP_US, STEP_TICKS * coarse_us, STEP_SIGMAS * noise)))
@@ -251,6 +245,8 @@ def stepped(level: Floats, gap8: Floats, why: str, coarse_us: float) -> list[tup
     since = 0
     for peak in peaks:
         boundary = int(peak) + SIDE
+        if bends(least[boundary - SIDE : boundary + SIDE]):
+            continue
         place = locate(level, boundary, float(step[peak]))
         found.append((slice(since, place), why))
         leap_ms = -float(step[peak]) / 1000
@@ -259,6 +255,17 @@ def stepped(level: Floats, gap8: Floats, why: str, coarse_us: float) -> list[tup
         since = place
     found.append((slice(since, len(level)), why))
     return found
+
+
+def bends(least: Floats) -> bool:
+    """A line with a bend in it, wherever that is best, is nearer to these than one with a step."""
+    at = np.arange(len(least), dtype=np.float64)
+
+    def left(part: Floats) -> float:
+        return float(np.linalg.lstsq(np.stack((np.ones(len(at)), at, part), axis=1), least, rcond=None)[1].sum())
+
+    bend = min(left(np.maximum(at - place, 0)) for place in np.arange(1, len(at) - 2, 0.5))
+    return bend <= min(left((at >= place).astype(np.float64)) for place in range(2, len(at) - 1))
 
 
 def locate(level: Floats, boundary: int, step: float) -> int:

@@ -68,8 +68,7 @@ def test_bad_links_and_coarse_clocks(link: Link, p95_us: float) -> None:
 
 @pytest.mark.parametrize(
     ("step_ppm", "mu_us"),
-    [(step, mu) for step in (50.0, -50.0) for mu in (50.0, 500.0)]
-    + [(step, mu) for step in (2000.0, -2000.0) for mu in (50.0, 500.0, 2000.0)],
+    [(step, mu) for step in (50.0, -50.0, 2000.0, -2000.0) for mu in (50.0, 500.0, 2000.0)],
 )
 def test_a_step_of_the_rate_leaves_no_wrong_frame(step_ppm: float, mu_us: float) -> None:
     for seed in range(4):

@@ -93,6 +93,21 @@ def test_frames_among_repeated_resets_are_refused(seed: int) -> None:
     assert 2 <= len(got.refused) <= 6
 
 
+@pytest.mark.parametrize(("ppm", "seed"), [(2000, 15), (-2000, 6), (4000, 0), (-4000, 0), (-4000, 1)])
+def test_a_rate_that_steps_is_no_leap(ppm: float, seed: int) -> None:
+    """Lines drawn from either side miss each other by 0.65 ms where the first has the bend in it."""
+    made = run(replace(LINK, rate_step_ppm=ppm), seed)
+    got = stamped(made)
+    assert len(got.fitted) == 1
+    assert (np.abs(got.stm32_us - made.frame_true_us[got.frame]) <= 1.2 * got.bound_us).all()
+
+
+@pytest.mark.parametrize("by_us", [-1_000, 1_000, -3_000])
+def test_a_leap_of_little_more_than_delays_is_one(by_us: int) -> None:
+    for seed in range(3):
+        assert len(stamped(models.stm32_leap(run(LINK, seed), AT, by_us)).fitted) == 2, f"seed {seed}"
+
+
 @pytest.mark.parametrize(("ppm", "worst_us"), [(50, 60), (-50, 60), (2000, 800), (-2000, 800)])
 def test_steps_of_the_rate(ppm: float, worst_us: float) -> None:
     made = run(replace(LINK, rate_step_ppm=ppm), 5)
