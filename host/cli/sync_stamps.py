@@ -30,6 +30,8 @@ NANOCOCKPIT = (
     "NanoCockpit frames bring the last state alone: between frames all others are lost, and as released its STM32 time"
     " is a tick of 1 ms"
 )
+WRAP_US, WRAPPED_US = 1 << 32, 1_000_000
+"""Times that are so near each other but for wraps of 32 bits are the same."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -143,6 +145,8 @@ def own_error(source: Source, result: Stamped) -> dict[str, float] | None:
     away = away[~np.isnan(away)]
     if not len(away):
         return None
+    wrapped = (away + WRAP_US / 2) % WRAP_US - WRAP_US / 2  # The robot's clock is read as it counts, with its wraps.
+    away = np.where(np.abs(wrapped) < WRAPPED_US, wrapped, away)
     worst = float(away[np.argmax(np.abs(away))])
     return {"median": round(float(np.median(away)), 1), "sd": round(float(away.std()), 1), "worst": round(worst, 1)}
 

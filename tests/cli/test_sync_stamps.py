@@ -165,6 +165,14 @@ def test_flags_are_drawn_over_time(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "flags" not in (tmp_path / "b.svg").read_text(encoding="utf-8")
 
 
+def test_a_wrap_is_no_error_of_the_robots(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    url = "sim://hover?pace=max&seed=7&stm32_stamp_bits=32&stm32_stamp_start_us=4291000000"
+    own = stamps(capsys, record(tmp_path, url, "10"))["own_error_us"]
+    assert abs(own["median"]) < 100
+    assert own["sd"] < 100
+    assert abs(own["worst"]) < 1000
+
+
 def test_other_firmware_says_what_cannot_be_repaired(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = record(tmp_path, "sim://paper?pace=max&seed=7", "3")
     said = stamps(capsys, path, code=4)
