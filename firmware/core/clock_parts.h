@@ -45,10 +45,10 @@ static inline bool is_coarse(const clock_track_t *self) {
 }
 
 /// By how much apart the same instant may be read; with coarse ticks a line and a message may each be so
-/// wrong.
+/// wrong. Of ticks of 1 us, half: what two such clocks are apart by chance.
 static inline uint32_t hidden_q8(const clock_track_t *self) {
     const uint32_t ticks = is_coarse(self) ? 2 : 1;
-    return self->known.tick_ns > FINE_NS ? ticks * tick_q8(self) : 0;
+    return self->known.tick_ns > FINE_NS ? ticks * tick_q8(self) : Q8 / 2;
 }
 
 // clock.c
