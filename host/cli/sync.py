@@ -52,9 +52,9 @@ the integral of the gyro, each row at its own time. The offset is what has to be
 log's; sigma is one standard deviation. Beside it stands what the dataset paper did: the first frame that has moved.
 
 Frames of native firmware say how long rows and exposure take; for others give --line-time-us and --exposure-us, or the
-offset is that of the middle row's middle of exposure. The Crazyflie filters its gyro, which makes it 4.7 ms late (4.1
-to 5.5: of one filter only the bandwidth is known): that is taken off. With too little rotation or texture there is a
-reason instead of an offset (exit code 4).
+offset is that of the middle row's middle of exposure. The Crazyflie filters its gyro, which makes it 4.5 ms late (4.1
+to 4.9: of one filter little more than the bandwidth is known): that is taken off. With too little rotation or texture
+there is a reason instead of an offset (exit code 4).
 
 examples:
   host sync camera turned.mcap log00

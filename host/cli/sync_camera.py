@@ -151,7 +151,7 @@ def lines(record: dict[str, Any]) -> Iterator[str]:
     )
     yield f"  skew      {record['skew_ppm']:+.1f} ± {record['skew_sigma_ppm']:.1f} ppm (the log against the frames)"
     if record["gyro_lag_us"]:
-        yield f"  filters   {record['gyro_lag_us']:.0f} us taken off: the gyro's, of 116 Hz (two poles assumed) and 80"
+        yield f"  filters   {record['gyro_lag_us']:.0f} us taken off: the gyro's, of 116 Hz (two poles) and 80"
     said = "not known" if record["line_time_us"] is None else f"said to be {record['line_time_us']:.2f} us"
     seen = f"{record['line_time_seen_us']:.2f} ± {record['line_time_seen_sigma_us']:.2f} us"
     yield f"  rows      from row to row {said}; pictures say {seen}{doubt(record)}"

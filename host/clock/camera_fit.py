@@ -18,7 +18,7 @@ BLOCKS = 20
 RAYLEIGH = 0.8326
 """Median of the root mean square of two normal numbers, whose sigma is 1."""
 SETTLED = 0.01
-"""Sigmas: a smaller step is the last."""
+"""Sigmas of times and focal length: a smaller step is the last. What a motion does not show may sway for long."""
 OUTLIER = 3.0
 """Sigmas: places further off count less, with the square of how much further."""
 STEP = np.array([1e-5, 1e-6, 1e-7, 1e-2, 1e-4, *[1e-5] * 3, *[1e-5] * 3, 1e-5])
@@ -71,7 +71,7 @@ def fit(places: Places, turning: Turning, assumed: Floats, theta: Floats, line_f
         if not np.isfinite(theta).all() or not 0.3 < theta[FOCAL] / begin[FOCAL] < 3:
             return None
         spread = np.sqrt(np.maximum(np.diag(np.linalg.inv(normal)), 0)) * scale
-        if np.abs(step / spread).max() < SETTLED:
+        if np.abs(step / spread)[free <= FOCAL].max() < SETTLED:
             break
     else:
         return None

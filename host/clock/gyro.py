@@ -47,6 +47,7 @@ STEPS_MAX = 12
 AWAY = np.array([20e3, 3000.0, 0.9, 100.0])
 """Further from where it begins, us, ppm, gain and deg/s, the fit is lost."""
 STEP_US = 0.003
+SKEW = np.array([0.0, 1.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +184,7 @@ def refine(first: Samples, second: Samples, rough: Aligned, filter_us: float) ->
         sigma_us=sigma,
         at_us=rough.middle_us + at_s * 1e6,
         skew_ppm=float(state[1]),
-        skew_sigma_ppm=float(np.hypot(np.sqrt(fit.spread[1, 1]), bent.rate_ppm)),
+        skew_sigma_ppm=float(np.hypot(fit.sigma(SKEW), bent.rate_ppm)),
         bend_ppm=bent.rate_ppm,
         start_us=at_zero,
         start_sigma_us=float(np.hypot(at_zero_sigma, bent.at(0.0))),
@@ -245,7 +246,7 @@ def events_of(at_us: Floats) -> Places:
 def carried(state: Floats, fit: Spread, at_s: float) -> tuple[float, float]:
     """The shift so many seconds from the middle, and its standard deviation."""
     by = np.array([1.0, at_s, 0.0, 0.0])
-    return float(by @ state), float(np.sqrt(by @ fit.spread @ by))
+    return float(by @ state), fit.sigma(by)
 
 
 def each_event(at_us: Floats, by: Floats, left: Floats, number: Places) -> Iterator[Event]:

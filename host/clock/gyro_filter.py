@@ -1,7 +1,11 @@
 """A Crazyflie's filters of its gyro: how late they are, and what a log tells of the motion before them.
 
 The BMI088 has one of 116 Hz, ahead of its samples; the firmware another of 80 Hz, Butterworth's of two poles at 1 kHz.
-Of the sensor's the data sheet gives the bandwidth only: it is taken for Butterworth's of two poles too.
+Of the sensor's the data sheet gives the bandwidth only. Bosch's support works out its noise as 0.014 deg/s times the
+root of 1.22 times the bandwidth, "where 1.22 is the coefficient of internal low pass filter" (November 2020,
+community.bosch-sensortec.com, "Why the power spectral density (PSD) of BMI088 Gyro(x/y/z) have strange peak point?").
+That is what two equal poles let through; one would be 1.57, Butterworth's two 1.11, three equal ones 1.16. So it is
+taken for two equal ones.
 
 Filters count samples, and those come from the gyro's own oscillator: one that samples 0.1 % slower is 0.1 % later, of
 5 ms; on a clock that counts 84 where 85 have passed it is 1.2 % less late. Rows follow the samples (synchronous
@@ -17,12 +21,16 @@ from .gyro_signal import Floats, Samples
 
 NOMINAL_US = 1000.0
 SENSOR_HZ, FIRMWARE_HZ = 116.0, 80.0
+POLE_HZ: float = SENSOR_HZ / (2**0.5 - 1) ** 0.5
+"""Each of two that are 3 dB down together at SENSOR_HZ."""
 FIRMWARE_TAN = float(np.tan(np.pi * FIRMWARE_HZ * NOMINAL_US * 1e-6))
-LAG_US: float = 1e6 * 2**0.5 / (2 * np.pi * SENSOR_HZ) + NOMINAL_US * 0.5**0.5 / FIRMWARE_TAN
+SENSOR_LAG_US: float = 2e6 / (2 * np.pi * POLE_HZ)
+LAG_US: float = SENSOR_LAG_US + NOMINAL_US * 0.5**0.5 / FIRMWARE_TAN
 """Of slow motion, by both, at the nominal rate."""
-LAG_LESS_US: float = (2**0.5 - 1) * 1e6 / (2 * np.pi * SENSOR_HZ)
-LAG_MORE_US: float = (2 - 2**0.5) * 1e6 / (2 * np.pi * SENSOR_HZ)
-"""By so much it would be less had the sensor's one pole, more had it three."""
+LAG_LESS_US: float = SENSOR_LAG_US - 1e6 / (2 * np.pi * SENSOR_HZ)
+LAG_MORE_US: float = 3e6 * (2 ** (1 / 3) - 1) ** 0.5 / (2 * np.pi * SENSOR_HZ) - SENSOR_LAG_US
+"""By so much it would be less had the sensor one pole, more had it three: what is not known of it (how it counts
+samples inside, and that 523 Hz are all that comes to its filter) is as much."""
 TRUSTED_HZ = 300.0
 """Above, the filters let nothing through that could be set right."""
 FAR = 0.01
@@ -94,7 +102,6 @@ def as_exposed(time_s: Floats, rate_rad_s: Floats, own_us: float | None, exposur
 
 
 def response(hz: Floats) -> NDArray[np.complex128]:
-    """Of both filters, Butterworth's, at the nominal rate and below half of it."""
-    sensor = 1j * hz / SENSOR_HZ
+    """Of both filters at the nominal rate, below half of it."""
     firmware = 1j * np.tan(np.pi * hz * NOMINAL_US * 1e-6) / FIRMWARE_TAN
-    return np.asarray(1 / ((1 + np.sqrt(2) * sensor + sensor**2) * (1 + np.sqrt(2) * firmware + firmware**2)))
+    return np.asarray(1 / ((1 + 1j * hz / POLE_HZ) ** 2 * (1 + np.sqrt(2) * firmware + firmware**2)))

@@ -158,7 +158,7 @@ class Rows:
     def sigma(self, noise: float, left: Floats) -> float:
         """Of the lag."""
         number = np.repeat(self.number, 3)
-        return float(np.sqrt(left_out(self.columns, left, number, held(noise)).spread[0, 0]))
+        return left_out(self.columns, left, number, held(noise)).sigma(np.eye(len(PRIOR))[0])
 
 
 def solved(columns: Floats, residual: Floats, prior: Floats, already: Floats) -> tuple[Floats, Floats]:
@@ -212,14 +212,13 @@ class LagFit:
         segment = np.floor(self.time_s[place] / SEGMENT_S)
         starts, number = np.unique(segment, return_index=True, return_inverse=True)[1:]
         at_s = at_s[place]
-        origin_s = np.full(len(at_s), self.turning.time_s[0])
-        body = from_vector(self.turning.between(origin_s, at_s))
+        body = self.turning.at(at_s)
         attitude = product(self.attitude[place], from_vector(-mount[None]))
         apart = product(attitude, conjugate(body))
         residual = to_vector(product(conjugate(apart[starts])[number], apart))
         rate = rotated(body, self.turning.between(at_s - RATE_S, at_s + RATE_S) / (2 * RATE_S))
         step_s = np.diff(at_s, prepend=at_s[:1])
-        step = rotated(body, self.turning.between(at_s - step_s, at_s))
+        step = rotated(body, to_vector(product(conjugate(np.concatenate([body[:1], body[:-1]])), body)))
         turns = [rotated(body, np.tile(axis, (len(body), 1))) for axis in np.eye(3)]
         columns = np.stack(
             [-rate, np.cumsum(step, axis=0), *turns, *(np.cumsum(each * step_s[:, None], axis=0) for each in turns)],

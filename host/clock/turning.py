@@ -32,12 +32,13 @@ class Turning:
 
     def between(self, from_s: Floats, to_s: Floats) -> Floats:
         """(n, 3): rotation vectors, rad, about the body's axes."""
-        return to_vector(product(conjugate(self._at(from_s)), self._at(to_s)))
+        return to_vector(product(conjugate(self.at(from_s)), self.at(to_s)))
 
     def _rows(self, at_s: Floats) -> NDArray[np.intp]:
         return np.clip(np.searchsorted(self.time_s, at_s, "right") - 1, 0, len(self.time_s) - 2)
 
-    def _at(self, at_s: Floats) -> Floats:
+    def at(self, at_s: Floats) -> Floats:
+        """(n, 4): attitudes, from the first row's on."""
         row = self._rows(at_s)
         step_s = self.time_s[row + 1] - self.time_s[row]
         since_s = at_s - self.time_s[row]
@@ -62,15 +63,12 @@ def to_vector(quaternion: Floats) -> Floats:
 def product(a: Floats, b: Floats) -> Floats:
     w, x, y, z = a.T
     p, q, r, s = b.T
-    return np.stack(
-        [
-            w * p - x * q - y * r - z * s,
-            w * q + x * p + y * s - z * r,
-            w * r - x * s + y * p + z * q,
-            w * s + x * r - y * q + z * p,
-        ],
-        axis=1,
-    )
+    whole = np.empty((4, max(len(a), len(b))))
+    whole[0] = w * p - x * q - y * r - z * s
+    whole[1] = w * q + x * p + y * s - z * r
+    whole[2] = w * r - x * s + y * p + z * q
+    whole[3] = w * s + x * r - y * q + z * p
+    return whole.T
 
 
 def conjugate(quaternion: Floats) -> Floats:

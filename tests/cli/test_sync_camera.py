@@ -17,7 +17,7 @@ from host.cli import main
 @pytest.fixture(scope="module")
 def turned(tmp_path_factory: pytest.TempPathFactory) -> Filmed:
     """The STM32's clock counts 84 where 85 have passed: on it rows and exposure, 6.8 ms to the end of frame, are 80 us
-    shorter, and the filters' 4.7 ms 55 us."""
+    shorter, and the filters' 4.5 ms 53 us."""
     keys = "&stm32_divider=84&stm32_ppm=40&gap8_ppm=-30"
     return filmed(tmp_path_factory.mktemp("turned"), 7, "teeter", seconds=5, fps=10, keys=keys)
 

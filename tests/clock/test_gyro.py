@@ -54,6 +54,22 @@ def test_as_sharp_as_the_noise_allows(white_dps: float) -> None:
     assert np.abs(slope).max() < 3.5, slope
 
 
+def test_the_stated_sigma_is_true() -> None:
+    """One that is 1.5 times too small, or too large, fails: 24 draws of noise on one board."""
+    made = teeter(Board(seed=5, density_dps_rthz=0.0, white_dps=0.0, **SHORT))
+    first, second = map(gyro, made.logs)
+    random, away, slope = np.random.default_rng(5), [], []
+    for _ in range(24):
+        found = compare(
+            *(Gyro(each.time_us, each.rate_dps + random.normal(0, 1, each.rate_dps.shape)) for each in (first, second))
+        )
+        assert isinstance(found, Shift), found
+        away.append(off_us(made, found) / found.sigma_us)
+        slope.append((found.skew_ppm - made.board.skew_ppm) / found.skew_sigma_ppm)
+    for each in (away, slope):
+        assert 0.75 < np.sqrt(np.mean(np.square(each))) < 1.25, each
+
+
 def test_the_bound_is_the_textbook_one_where_noise_is_white() -> None:
     made = teeter(Board(density_dps_rthz=0.0, white_dps=1.0, **SHORT))
     slope = CubicSpline(made.stamp_us, made.clean_dps)(made.stamp_us, 1)
@@ -78,11 +94,12 @@ def test_against_another_estimator() -> None:
 
 
 def test_what_the_sensors_rates_do_is_taken_off() -> None:
-    """Without noise: filters that count samples of 0.6 % another length are up to 30 us apart."""
+    """Without noise: filters that count samples of 0.6 % another length are up to 30 us apart. What is left is what the
+    board does above 500 Hz, folded."""
     for seed in range(3):
         made = teeter(Board(seed=seed, density_dps_rthz=0.0, **SHORT))
         found = compared(made)
-        assert abs(off_us(made, found)) < 0.5
+        assert abs(off_us(made, found)) < 1
         assert 1 < abs(found.filter_us) < 30
 
 
