@@ -81,6 +81,8 @@ def clock(settings: Clock) -> dict[str, int]:
         "rate_ppb": rate_ppb(settings.ppm),
         "ramp_ppb": rate_ppb(settings.ramp_ppm),
         "ramp_ns": nanoseconds(settings.ramp_s, 1e9),
+        "step_ppb": rate_ppb(settings.step_ppm),
+        "step_ns": nanoseconds(settings.step_s, 1e9),
         "walk_ppb": settings.walk_ppb,
         "stamp_start_us": settings.stamp_start_us,
         "stamp_bits": settings.stamp_bits,

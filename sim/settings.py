@@ -50,6 +50,8 @@ class Clock:
     ppm: float = number(0, -20000, 20000, "ppm", "rate error of the oscillator")
     ramp_ppm: float = number(0, -1000, 1000, "ppm", "warm-up: added to the rate linearly over ramp_s, then kept")
     ramp_s: float = number(60, 0, 3600, "s", "length of the warm-up")
+    step_ppm: float = number(0, -5000, 5000, "ppm", "added to the rate at once, at step_s: a PLL locks anew")
+    step_s: float = number(30, 0, 1_000_000, "s", "when: in simulated time since the MCU first started")
     walk_ppb: int = number(0, 0, 1_000_000, "ppb", "standard deviation, after 1 s, of the rate's random walk")
     boot_ms: float = number(0, 0, 600_000, "ms", "when the MCU starts")
     stamp_start_us: int = number(0, 0, 2**52, "us", "first reading of the stamp clock, below 2^stamp_bits")

@@ -28,9 +28,9 @@ bool probability_ok(double value) {
 static bool clock_ok(const clock_config_t *clock) {
     uint8_t bits = clock->stamp_bits == 0 ? 64 : clock->stamp_bits;
     return in_range(clock->boot_ns, 0, TIME_NS_MAX) && rate_ok(clock->rate_ppb) && rate_ok(clock->ramp_ppb) &&
-           in_range(clock->ramp_ns, 0, TIME_NS_MAX / 16) &&
-           in_range(clock->walk_ppb, 0, OSCILLATOR_PPB_MAX) && bits <= 64 && clock->quantum <= QUANTUM_1MS &&
-           (clock->divider == 84 || clock->divider == 85) &&
+           in_range(clock->ramp_ns, 0, TIME_NS_MAX / 16) && rate_ok(clock->step_ppb) &&
+           in_range(clock->step_ns, 0, TIME_NS_MAX) && in_range(clock->walk_ppb, 0, OSCILLATOR_PPB_MAX) &&
+           bits <= 64 && clock->quantum <= QUANTUM_1MS && (clock->divider == 84 || clock->divider == 85) &&
            (bits == 64 || clock->stamp_start_us >> bits == 0);
 }
 

@@ -37,6 +37,8 @@ typedef struct {
     int64_t rate_ppb; ///< local seconds per true second, less one; within +-20,000,000
     int64_t ramp_ppb; ///< warm-up: added to the rate linearly over ramp_ns, then kept
     int64_t ramp_ns;
+    int64_t step_ppb;        ///< added to the rate at once ...
+    int64_t step_ns;         ///< ... so long after the first power-up, at the segment that begins next
     int64_t walk_ppb;        ///< standard deviation, after one second, of a random walk of the rate
     uint64_t stamp_start_us; ///< first reading of the stamp clock
     uint8_t stamp_bits;      ///< width of the stamp clock: it wraps at 2^bits us; 0 means 64

@@ -1,7 +1,7 @@
 #include "oscillator.h"
 
 static const int64_t PPT = 1000000000000;
-static const int64_t RATE_PPT_MAX = 40000000000; // base, ramp and walk together
+static const int64_t RATE_PPT_MAX = 40000000000; // base, ramp, step and walk together
 
 // Within a segment: |since_ns * rate| <= 1.1e8 * 4e10 = 4.4e18, so that with the bias everything is positive
 // and below 2^63, and an unsigned division rounds down.
@@ -23,7 +23,8 @@ static void update_rate(oscillator_t *self) {
     int64_t middle_ms = self->segments * OSCILLATOR_SEGMENT_MS + OSCILLATOR_SEGMENT_MS / 2;
     int64_t ramp_ppt =
         middle_ms >= self->ramp_ms ? self->ramp_ppt : self->ramp_ppt * middle_ms / self->ramp_ms;
-    int64_t rate_ppt = self->base_ppt + ramp_ppt + self->walk_ppt;
+    bool stepped = self->segments * OSCILLATOR_SEGMENT_NS >= self->step_ns;
+    int64_t rate_ppt = self->base_ppt + ramp_ppt + (stepped ? self->step_ppt : 0) + self->walk_ppt;
     self->rate_ppt = rate_ppt > RATE_PPT_MAX    ? RATE_PPT_MAX
                      : rate_ppt < -RATE_PPT_MAX ? -RATE_PPT_MAX
                                                 : rate_ppt;
@@ -52,6 +53,8 @@ void oscillator_init(oscillator_t *self, const clock_config_t *config, int64_t o
         .base_ppt = config->rate_ppb * 1000,
         .ramp_ppt = config->ramp_ppb * 1000,
         .ramp_ms = config->ramp_ns / 1000000,
+        .step_ppt = config->step_ppb * 1000,
+        .step_ns = config->step_ns,
         .walk_step_ppt = config->walk_ppb * 316228 / 1000, // sqrt(0.1): ten steps make a second
         .random = random,
     };

@@ -14,7 +14,7 @@ enum {
     OSCILLATOR_SEGMENT_MS = 100,
     OSCILLATOR_SEGMENT_NS = 100000000,
     OSCILLATOR_AHEAD_SEGMENTS = 64, ///< how far oscillator_when_ns looks
-    OSCILLATOR_PPB_MAX = 20000000,  ///< of the configured rate, and of the ramp
+    OSCILLATOR_PPB_MAX = 20000000,  ///< of the configured rate, of the ramp and of the step
 };
 
 typedef struct {
@@ -27,6 +27,8 @@ typedef struct {
     int64_t base_ppt;
     int64_t ramp_ppt;
     int64_t ramp_ms;
+    int64_t step_ppt;
+    int64_t step_ns;
     int64_t walk_ppt;
     int64_t walk_step_ppt; ///< standard deviation per segment
     random_t random;

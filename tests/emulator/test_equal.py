@@ -35,6 +35,9 @@ def case(name: str, drift_ppm: int, faults: bool) -> Case:
 
 CASES = [case(name, drift, faults) for name in scenario.names() for drift in DRIFTS_PPM for faults in (False, True)]
 
+STEPS = {"gap8_step_ppm": -2000, "gap8_step_s": 3, "stm32_step_ppm": 50, "stm32_step_s": 5}
+CASES.append(Case("hover-steps-clean", "hover", SMALL | STEPS, False))
+
 
 def again(test: str) -> str:
     longer = f"SPINDECK_EMULATED_S={SECONDS:g} " if "SPINDECK_EMULATED_S" in os.environ else ""

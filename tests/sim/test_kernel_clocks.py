@@ -57,6 +57,15 @@ def test_ramp_rises_in_steps_of_its_segments_and_stays() -> None:
         assert rig.local_ns(lib.MCU_STM32) - before == SECOND + ramp_ppb
 
 
+@pytest.mark.parametrize("step_ppb", [50_000, -2_000_000])
+def test_step_comes_at_the_next_segment_and_stays(step_ppb: int) -> None:
+    with Rig(with_clock(lib.MCU_GAP8, rate_ppb=-7_000, step_ppb=step_ppb, step_ns=1_250 * MS)) as rig:
+        for at_ms, stepped_ms in ((1_250, 0), (1_300, 0), (1_301, 1), (5_000, 3_700)):
+            rig.run(at_ms * MS)
+            local = at_ms * MS * (1 - Fraction(7_000, PPB)) + Fraction(stepped_ms * MS * step_ppb, PPB)
+            assert rig.local_ns(lib.MCU_GAP8) == floor(local)
+
+
 def test_random_walk_has_its_deviation_after_a_second_and_after_four() -> None:
     walk_ppb, robots = 1_000, 200
     config = with_clock(lib.MCU_GAP8, walk_ppb=walk_ppb)
@@ -198,7 +207,7 @@ def test_reboot_before_the_first_boot_waits_for_it() -> None:
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("boot_ns", -1), ("rate_ppb", 20_000_001), ("rate_ppb", -20_000_001), ("ramp_ns", -1), ("walk_ppb", -1),
+    [("boot_ns", -1), ("rate_ppb", 20_000_001), ("rate_ppb", -20_000_001), ("ramp_ns", -1), ("step_ns", -1), ("step_ppb", 20_000_001), ("walk_ppb", -1),
      ("stamp_bits", 65), ("quantum", 3), ("divider", 0), ("divider", 83)],
 )  # fmt: skip
 def test_impossible_clocks_are_refused(field: str, value: int) -> None:

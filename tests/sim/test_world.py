@@ -164,6 +164,8 @@ def test_every_setting_reaches_the_kernel():
             gap8_ppm=1.5,
             gap8_ramp_ppm=2,
             gap8_ramp_s=3,
+            gap8_step_ppm=-9,
+            gap8_step_s=0.25,
             gap8_walk_ppb=4,
             gap8_boot_ms=5,
             gap8_stamp_start_us=6,
@@ -183,6 +185,7 @@ def test_every_setting_reaches_the_kernel():
     )
     gap8 = config.clocks[1]
     assert (gap8.rate_ppb, gap8.ramp_ppb, gap8.ramp_ns, gap8.walk_ppb) == (1500, 2000, 3_000_000_000, 4)
+    assert (gap8.step_ppb, gap8.step_ns) == (-9000, 250_000_000)
     assert (gap8.boot_ns, gap8.stamp_start_us, gap8.stamp_bits, gap8.quantum) == (5_000_000, 6, 32, 2)
     assert [clock.divider for clock in config.clocks] == [84, 85, 85]
     assert [wire.latency_ns for wire in config.wires] == [0, 7000, 7000, 0, 0, 0, 1_500_000, 1_500_000]
