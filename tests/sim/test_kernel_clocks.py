@@ -207,8 +207,8 @@ def test_reboot_before_the_first_boot_waits_for_it() -> None:
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("boot_ns", -1), ("rate_ppb", 20_000_001), ("rate_ppb", -20_000_001), ("ramp_ns", -1), ("step_ns", -1), ("step_ppb", 20_000_001), ("walk_ppb", -1),
-     ("stamp_bits", 65), ("quantum", 3), ("divider", 0), ("divider", 83)],
+    [("boot_ns", -1), ("rate_ppb", 20_000_001), ("rate_ppb", -20_000_001), ("ramp_ns", -1), ("step_ns", -1),
+     ("step_ppb", 20_000_001), ("walk_ppb", -1), ("stamp_bits", 65), ("quantum", 3), ("divider", 0), ("divider", 83)],
 )  # fmt: skip
 def test_impossible_clocks_are_refused(field: str, value: int) -> None:
     k = lib.kernel_new(1)
