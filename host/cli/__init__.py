@@ -40,6 +40,10 @@ exit codes:
 """
 
 
+FILES_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.ENAMETOOLONG)
+"""Of a disk, or of a name that no file can have, wherever they show: no bug of this program."""
+
+
 def parser() -> argparse.ArgumentParser:
     """The whole command line, without having imported numpy, rich or a port."""
     top = argparse.ArgumentParser(
@@ -99,10 +103,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         forget_output()
         return 0
     except OSError as error:
-        if error.errno != errno.ENOSPC:
+        if error.errno not in FILES_FAULTS:
             raise
-        print(f"host: {error.strerror}", file=sys.stderr)
-        forget_output()
+        named = f"{error.filename}: " if error.filename else ""
+        print(f"host: {named}{error.strerror}", file=sys.stderr)
+        if not named:
+            forget_output()
         return EXIT_LOCAL
 
 

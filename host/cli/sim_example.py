@@ -12,7 +12,6 @@ from typing import Any
 
 from ..protocol.errors import LocalError
 from ..protocol.typed import integer
-from .as_json import line
 
 EXAMPLES = """\
 WHAT:
@@ -75,6 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
     words = [str(folder / word) if (folder / word).exists() else word for word in made.command.split()]
     command = shlex.join(words)
     if arguments.json:
+        from .as_json import line
+
         record: dict[str, Any] = {"event": "example", "what": arguments.what, "seed": arguments.seed, "files": files}
         print(line({**record, "truth": made.truth, "command": command}))
         return 0

@@ -85,6 +85,8 @@ def stream(arguments: argparse.Namespace, as_json: bool) -> int:
         raise LocalError("--record-without: nothing is recorded: add --record FILE")
     if arguments.picture and Path(arguments.picture).exists():
         raise LocalError(f"--picture {arguments.picture}: exists, and nothing is ever overwritten: name another file")
+    if arguments.picture and not Path(arguments.picture).parent.is_dir():
+        raise LocalError(f"--picture {arguments.picture}: there is no folder {Path(arguments.picture).parent}")
     if arguments.row and not (as_json or arguments.images):
         raise LocalError("--row: its time is in JSON lines and frames.jsonl: add --json or --images DIR")
     robots: list[Robot] = []

@@ -85,6 +85,7 @@ def test_images_where_a_file_is(tmp_path: Path) -> None:
         (["--record", ""], "--record: its name is empty"),
         (["--images", ""], "--images: its name is empty"),
         (["--picture", ""], "--picture: its name is empty"),
+        (["--picture", "no-such-folder/last.png"], "there is no folder no-such-folder"),
         (["--record-without", "raw"], "nothing is recorded: add --record FILE"),
     ],
 )
@@ -121,8 +122,9 @@ def test_picture(tmp_path: Path) -> None:
 
 
 def test_a_picture_that_cannot_be_saved_costs_no_summary(tmp_path: Path) -> None:
-    path = tmp_path / "no-such-folder" / "last.png"
-    result = host("stream", "--port", "sim://hover?pace=max", "--count", "2", "--picture", str(path))
+    path = tmp_path / "last.png"
+    words = ["stream", "--port", "sim://hover?pace=max", "--count", "2", "--images", str(path), "--picture", str(path)]
+    result = host(*words)  # whose folder takes the picture's place
     assert result.returncode == 2
     assert "last.png" in result.stderr
     assert records(result.stdout)[-1]["event"] == "summary"

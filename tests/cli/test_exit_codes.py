@@ -13,6 +13,11 @@ from host.cli import EXIT_CODES, main, parser, stream
 from host.protocol.errors import ConnectionLostError, LocalError, PeerError, PeerSilentError
 
 ROOT = Path(__file__).resolve().parents[2]
+LOG = bytes.fromhex(
+    "bc 02 00 01 00 ff ff 66 69 78 65 64 46 72 65 71 75 65 6e 63 79 00 01 00 61 63 63 2e 78 28 66 29 00"
+    "ff ff e8 03 00 00 00 00 00 00 00 00 80 3f ca 92 18 1e"
+)
+"""acc.x = 1.0 at 1000 us."""
 
 
 def commands(of: argparse.ArgumentParser, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
@@ -92,6 +97,25 @@ def test_a_full_disk_is_no_bug() -> None:
     assert result.returncode == 2
     assert "No space left" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "usd info {}", "usd info {}:/log00", "usd decode log -o {}.csv", "usd repair log -o {}", "usd config check {}",
+        "sync gyro {} log", "recover {}", "sync stamps log --apply {}.csv",
+        "stream --port sim://hover --count 1 --picture {}.png",
+    ],
+)  # fmt: skip
+def test_a_name_that_no_file_can_have_is_no_bug(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("log").write_bytes(LOG)
+    assert main(words.format("x" * 300).split()) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("host: ")
+    assert said.endswith(": File name too long\n")
 
 
 @pytest.mark.parametrize(
