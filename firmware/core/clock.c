@@ -195,8 +195,7 @@ void clock_track_take(clock_track_t *self, uint64_t stm32_us, uint64_t gap8_us, 
         return;
     }
     self->stuck = 0;
-    if (passed(self->anchor_gap8_us, gap8_us) < 0 ||
-        passed(self->anchor_gap8_us, gap8_us) > 2 * CLOCK_AGE_MAX_US) {
+    if (passed(self->anchor_gap8_us, gap8_us) < 0 || passed(self->anchor_gap8_us, gap8_us) > EXPIRED_US) {
         begin_epoch(self, stm32_us, gap8_us, epoch);
     }
     reading_t reading = read_at(self, stm32_us, gap8_us);

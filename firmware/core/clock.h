@@ -26,7 +26,8 @@ enum {
     CLOCK_HELD = 6,    ///< messages in a row that agree with each other and not with the line: a leap
     CLOCK_FRAMES = 64, ///< of the dejitter
     CLOCK_YOUNG_US = 1000000,
-    CLOCK_AGE_MAX_US = 10000000,   ///< without messages no time is given after this
+    CLOCK_AGE_MAX_US =
+        10000000, ///< without messages no time is given after this; after twice it all begins anew
     CLOCK_BOUND_MAX_US = 20000,    ///< nor with a wider bound
     CLOCK_STAMP_WIRE_NS = 1477381, ///< 17 bytes of 10 bits at 42 MHz / 365: from the first bit to the last
 };

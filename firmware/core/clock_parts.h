@@ -12,8 +12,9 @@ enum {
     FINE_NS = 1000,            ///< ticks that are no longer than this hide nothing
     COARSE_NS = 100000,        ///< messages may all come at the same place in such a tick
     SKEW_LIMIT_Q31 = 64424509, ///< 3 %
-    LATE_US = 100000,          ///< later is no delay
-    DOUBT = 9,                 ///< a gap of this mean delays per message has a chance of e^-9
+    EXPIRED_US = 2 * CLOCK_AGE_MAX_US,
+    LATE_US = 100000, ///< later is no delay
+    DOUBT = 9,        ///< a gap of this mean delays per message has a chance of e^-9
 };
 
 static inline int32_t passed(uint64_t from, uint64_t to) {

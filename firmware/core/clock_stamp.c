@@ -70,12 +70,13 @@ void clock_track_stamp(clock_track_t *self, uint64_t gap8_us, bool regular, cloc
         return;
     }
     const int32_t since_us = passed(self->used_gap8_us, gap8_us);
-    const bool long_ago = gap8_us > self->used_gap8_us && gap8_us - self->used_gap8_us > CLOCK_AGE_MAX_US;
-    self->expired = self->expired || long_ago || since_us > CLOCK_AGE_MAX_US || since_us < -(int32_t)LATE_US;
+    const bool long_ago = gap8_us > self->used_gap8_us && gap8_us - self->used_gap8_us > EXPIRED_US;
+    self->expired = self->expired || long_ago || since_us > EXPIRED_US || since_us < -(int32_t)LATE_US;
     time->epoch = self->epoch;
     time->age_us = self->expired ? UINT32_MAX - 1 : since_us > 0 ? (uint32_t)since_us : 0;
     time->flags = state_flags(self, gap8_us, time->age_us);
-    if (self->expired || !self->fitted || self->held_fill > 1 || (time->flags & FRAME_BEFORE_EPOCH) != 0) {
+    if (self->expired || since_us > CLOCK_AGE_MAX_US || !self->fitted || self->held_fill > 1 ||
+        (time->flags & FRAME_BEFORE_EPOCH) != 0) {
         time->flags |= FRAME_REFUSED;
         return;
     }

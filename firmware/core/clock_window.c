@@ -147,8 +147,11 @@ static void choose(clock_track_t *self) {
     uint64_t excess[CLOCK_WINDOWS] = {0};
     uint8_t count = 1;
     fits[0] = fit(self, self->blocks_fill < 8 ? self->blocks_fill : 8);
-    while (count < CLOCK_WINDOWS && self->blocks_fill >= 8U << count) {
-        fits[count] = fit(self, (uint8_t)(8U << count));
+    // Where blocks are missing, all of as long a time as they would have taken are the longest window.
+    const uint32_t least = self->blocks[0].gap8_us < -CLOCK_BLOCKS * BLOCK_LAST_US ? 5 : 8;
+    while (count < CLOCK_WINDOWS && self->blocks_fill >= least << count) {
+        const uint32_t most = 8U << count;
+        fits[count] = fit(self, (uint8_t)(self->blocks_fill < most ? self->blocks_fill : most));
         compare(self, &fits[count - 1], &fits[count], (uint8_t)(count - 1));
         excess[count] = unexplained(self, &self->apart[count - 1], fits[count - 1].count);
         count++;

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import RTC_US, Link, run, stm32_leap, take
+from models import RTC_US, Link, run, silence, stm32_leap, take
 from track import Tracked, tracked
 
 from host.native import ffi, lib
@@ -60,6 +60,24 @@ def test_oscillators(oscillator: str, mu_us: float, p95_us: float, bound_us: flo
     assert covered >= 0.985
     assert flagged <= 0.02
     assert bound <= bound_us
+
+
+def test_half_lost_in_bursts_of_2_s() -> None:
+    found = results(Link("presc85", 500, 120, loss=0.5, burst_s=2), seeds=20)
+    assert np.percentile(np.abs(settled_us(found)), 95) <= 10
+    assert shares(found)[0] >= 0.985
+
+
+def test_what_was_known_before_12_s_of_silence_is_of_use_after() -> None:
+    """There is no time after 10 s, and at once a good one with the first messages."""
+    for seed in range(5):
+        found = tracked(silence(run(Link("presc85", 500, 60), seed), 3000, 12))
+        refused = found.at_s[~found.given & (found.at_s > 1)]
+        assert refused[0] == pytest.approx(40.3, abs=0.1)
+        assert refused[-1] == pytest.approx(42.3, abs=0.1)
+        after = found.at_s > refused[-1]
+        assert np.nanmax(np.abs(found.error_us[after])) <= 50
+        assert found.covered[after].mean() >= 0.985
 
 
 def test_ticks_of_the_32_khz_clock() -> None:
