@@ -22,8 +22,16 @@ STEPS_MAX = 1000
 """Frames that may be missing in a row."""
 LATEST = math.log(100)
 """Mean latenesses that 99 % of readings stay below."""
+FEW = 8
+"""Frames that have a line, as on the robot; a curve wants more."""
+LINE_BOUND = 14.0
+"""Mean latenesses that a line of n readings is off by, times n, 99 %."""
+STRAY = 9
+"""Readings whose median is taken: fewer than half of them may have begun late."""
 ALONE = 0.9
-"""Share of a stretch's frames of which the robot says that it knows no more than from one reading."""
+"""Share of a stretch's frames of which the robot says that it knows no more than from one reading, ..."""
+COARSE_US = 100.0
+"""... which with longer ticks it says of every frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,32 +75,79 @@ def frame_ends(gap8_us: Ints, boot: Ints, readings: Readings, tick_us: float) ->
     most_us = float(told_us.max())
     ends.bound_us[:] += most_us
     late: list[Floats] = []
-    for mine in stretches(gap8_us, boot, readings, APART_US + 2 * most_us):
+    worst_us = most_us + tick_us
+    for mine in stretches(gap8_us, boot, readings, worst_us):
         told_us = readings.latency_us[mine]
         told_us = told_us[~np.isnan(told_us)]
-        if not len(told_us) or (told_us >= most_us).mean() > ALONE:
+        if not len(told_us) or (tick_us < COARSE_US and (told_us >= most_us).mean() > ALONE):
             continue
-        end_us, bound_us, off = pace(ends.gap8_us[mine], readings.number[mine], tick_us)
-        late.append((ends.gap8_us[mine] - end_us)[~off])
+        found = pace if len(mine) >= 2 * BLOCK_PAIRS else line
+        end_us, bound_us, off = found(ends.gap8_us[mine], readings.number[mine], tick_us)
+        late_us = ends.gap8_us[mine] - end_us
+        if late_us[~off].mean() > worst_us / 2:
+            continue  # they are of no one pace: readings are not so late
+        # By the robot's word a frame ended no more than that before its reading, however little the pace says.
+        bound_us = np.minimum(bound_us, np.maximum(late_us, most_us - late_us) + tick_us / 2)
+        late.append(late_us[~off])
         on = mine[~off]
         ends.gap8_us[on], ends.bound_us[on], ends.paced[on] = end_us[~off], bound_us[~off], True
     mean_us = float(np.concatenate(late).mean()) if late else None
     return Ends(ends.gap8_us, ends.bound_us, ends.paced, True, mean_us)
 
 
-def stretches(gap8_us: Ints, boot: Ints, readings: Readings, apart_us: float) -> list[Ints]:
-    """Places of frames that may be of one pace, enough for a curve."""
+def stretches(gap8_us: Ints, boot: Ints, readings: Readings, most_us: float) -> list[Ints]:
+    """Places of frames that may be of one pace, enough for a line. `most_us`: what readings may be late."""
     step_us, steps = np.diff(gap8_us), np.diff(readings.number)
     same = (np.diff(boot) == 0) & (np.diff(readings.mode) == 0) & (steps > 0) & (steps <= STEPS_MAX)
     found = []
     for part in np.split(np.arange(len(gap8_us)), np.flatnonzero(~same) + 1):
-        if len(part) < 2 * BLOCK_PAIRS:
+        if len(part) < FEW:
             continue
         inside = part[:-1]
         period_us = float(np.median(step_us[inside] / steps[inside]))
-        off = np.abs(step_us[inside] - period_us * steps[inside]) > apart_us
-        found += [each for each in np.split(part, np.flatnonzero(off) + 1) if len(each) >= 2 * BLOCK_PAIRS]
-    return found
+        off = np.abs(step_us[inside] - period_us * steps[inside]) > APART_US + 2 * most_us
+        for each in np.split(part, np.flatnonzero(off) + 1):
+            found += unbent(each, gap8_us, readings.number, most_us)
+    return [each for each in found if len(each) >= FEW]
+
+
+def unbent(part: Ints, gap8_us: Ints, number: Ints, most_us: float) -> list[Ints]:
+    """Split where the period changes by more than readings explain, less the frames of which it is not sure on which
+    side they are."""
+    reach = min(BLOCK_PAIRS, len(part) // 4)
+    if reach < STRAY // 2:
+        return [part]
+    period_us = float(np.median(np.diff(gap8_us[part]) / np.diff(number[part])))
+    off_us = gap8_us[part] - period_us * number[part]
+    flat = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(off_us, STRAY // 2, mode="edge"), STRAY), axis=1)
+    period = (flat[reach:] - flat[:-reach]) / (number[part[reach:]] - number[part[:-reach]])
+    change = np.abs(period[reach:] - period[:-reach])
+    most = float(change.max())
+    if most <= 2 * most_us / reach:
+        return [part]
+    place, unsure = int(change.argmax()) + reach, math.ceil(2 * most_us / most) + 1
+    sides = part[: max(place - unsure, 0)], part[place + unsure :]
+    return [each for side in sides for each in unbent(side, gap8_us, number, most_us)]
+
+
+def line(read_us: Floats, number: Ints, tick_us: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """As pace, of few frames: a straight line below all readings that has the least sum of distances. It touches two of
+    them, and is too high by so much on average."""
+    count = number - number[0]
+    hull: list[int] = []
+    for k in range(len(count)):
+        while len(hull) > 1 and (read_us[hull[-1]] - read_us[hull[-2]]) * (count[k] - count[hull[-2]]) >= (
+            read_us[k] - read_us[hull[-2]]
+        ) * (count[hull[-1]] - count[hull[-2]]):
+            hull.pop()
+        hull.append(k)
+    right = next(k for k in range(1, len(hull)) if count[hull[k]] >= count.mean())
+    a, b = hull[right - 1], hull[right]
+    end_us = read_us[a] + (read_us[b] - read_us[a]) / (count[b] - count[a]) * (count - count[a])
+    late_us = float((read_us - end_us).sum()) / (len(count) - 2)
+    end_us = end_us - 2 * late_us / len(count)
+    bound_us = np.full(len(count), LINE_BOUND * late_us / len(count) + tick_us / 2)
+    return end_us, bound_us, read_us - end_us > 2 * (LATEST * late_us + tick_us) + bound_us
 
 
 def pace(read_us: Floats, number: Ints, tick_us: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:

@@ -97,8 +97,39 @@ def test_without_a_pace_readings_stay_and_the_bound_says_so(latency_us: float) -
     assert set(got.bound_us) == {latency_us + 0.5}
 
 
-def test_few_frames_have_no_pace() -> None:
-    _, read_us = late(49, 6)
-    got = frame_ends(read_us, np.zeros(49, np.int64), readings(49), 1.0)
+def test_fewer_than_eight_frames_have_no_pace() -> None:
+    _, read_us = late(7, 6)
+    got = frame_ends(
+        read_us, np.zeros(7, np.int64), Readings(np.arange(7), np.zeros(7, np.int64), np.full(7, 93.0)), 1.0
+    )
     assert not got.paced.any()
     assert set(got.bound_us) == {93.5}
+
+
+@pytest.mark.parametrize("count", [10, 20, 49])
+def test_few_frames_have_a_line(count: int) -> None:
+    errors, bounds = [], []
+    for seed in range(60):
+        true_us, read_us = late(count, seed)
+        got = frame_ends(read_us, np.zeros(count, np.int64), readings(count), 1.0)
+        errors.append(np.abs(got.gap8_us - true_us))
+        bounds.append(got.bound_us)
+    error, bound = np.concatenate(errors), np.concatenate(bounds)
+    assert (error <= bound).mean() > 0.985
+    assert np.median(bound) < 20 * 15 / count + 1
+    assert np.median(error) < 20 * 2.5 / count + 0.5
+
+
+@pytest.mark.parametrize(("count", "more_us"), [(60, 500), (60, -500), (60, 60), (600, 500), (600, -500), (600, -20)])
+def test_a_period_that_changes_a_little_begins_another_pace(more_us: float, count: int) -> None:
+    covered, bounds = [], []
+    for seed in range(10):
+        place = count // 3 + seed
+        true_us, read_us = late(count, seed)
+        shift = np.round(more_us * np.maximum(np.arange(count) - place, 0)).astype(np.int64)
+        got = frame_ends(read_us + shift, np.zeros(count, np.int64), readings(count), 1.0)
+        covered.append(np.abs(got.gap8_us - true_us - shift) <= got.bound_us)
+        bounds.append(got.bound_us)
+    assert np.mean(covered) > 0.985
+    assert np.median(np.concatenate(bounds)) < (20 if count == 60 else 8)
+    assert np.max(bounds) < 120
