@@ -6,6 +6,7 @@ import dataclasses
 import sys
 from typing import TYPE_CHECKING, Any
 
+from ..link.rules_of_log import ENDS
 from ..link.state import describe as describe_state
 from .as_json import as_dict, line
 from .stream_robot import USUAL_FLAGS
@@ -151,6 +152,21 @@ def card_log(log: dict[str, Any] | None) -> str:
     )
 
 
+def waiting_log(log: dict[str, Any] | None) -> str:
+    """There is a card, and none has begun."""
+    if log is None or log["files"] or log["state"] != "off":
+        return ""
+    return "off: as config.txt has it, it begins when the parameter usd.logging is set to 1"
+
+
+def ended_log(log: dict[str, Any]) -> str:
+    """Why it has ended by itself and what to do, if it has."""
+    if log["state"] not in ENDS:
+        return ""
+    _, what, todo = ENDS[log["state"]]
+    return f"; {what}. {todo}"
+
+
 def last_time(frame: Frame | None) -> str:
     """When the last frame was taken, on the clock that says so."""
     if frame is None:
@@ -228,8 +244,8 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
             f"UART1       delays every stamp by 0 to {echo['minimum_delay_us'] + echo['minimum_delay_error_us']} us, "
             f"by {echo['echoes']} echoes; no time or bound has that in it"
         )
-    if of := card_log(summary["log"]):
-        lines.append(f"card's log  {of}")
+    if of := card_log(summary["log"]) or waiting_log(summary["log"]):
+        lines.append(f"card's log  {of}{ended_log(summary['log'])}")
     error = summary["stamp_error_us"]
     if error:
         lines.append(

@@ -1,5 +1,7 @@
 """The figures of the status line and of the summary."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ import host
 from host.cli.show import clock_line, status_line, status_lines, summary_lines
 from host.cli.stream_robot import Robot
 from host.link.frame import Frame
-from host.link.records import Console
+from host.link.records import Console, LogState, LogStatus
 
 
 def frame(index: int, arrival_host_ns: int) -> Frame:
@@ -65,3 +67,26 @@ def test_the_clocks_are_shown_live(divider: int, ppm: float) -> None:
     summary = robot.summary()
     assert summary["echo"]["echoes"] == echo.echoes > 5
     assert any(f"by {echo.echoes} echoes" in each for each in summary_lines(summary))
+
+
+@pytest.mark.parametrize(
+    ("state", "files", "says"),
+    [
+        ("no_card", 0, None),
+        ("off", 0, "off: as config.txt has it, it begins when the parameter usd.logging is set to 1"),
+        ("bad_config", 0, "bad config, 0 rows, .*; config.txt says nothing that can be logged. host usd config check"),
+        ("full", 1, "full, 0 rows, "),
+        ("on", 1, "on, 0 rows, 0 dropped, 0 errors of the card, longest pause 0 ms$"),
+        ("off", 1, "off, 0 rows, 0 dropped, 0 errors of the card, longest pause 0 ms$"),
+    ],
+)
+def test_a_log_that_ended_or_waits_says_what_to_do(robot: Robot, state: LogState, files: int, says: str | None) -> None:
+    counters = dict.fromkeys(("requested", "accepted", "dropped", "stall_us", "syncs", "errors", "card_errors"), 0)
+    robot.take(frame(0, 1_000_000_000))
+    robot.take(LogStatus(2_000_000_000, state, 1_000_000, 0, files, files, counters))
+    said = [line.removeprefix("card's log  ") for line in summary_lines(robot.summary()) if line.startswith("card's")]
+    if says is None:
+        assert said == []
+    else:
+        assert len(said) == 1
+        assert re.match(says, said[0])
