@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 SENSOR_HZ = 116.0
+UNFILTERED_HZ = 523.0
+"""All that comes to it, by the data sheet: taken for steep, and without a delay of its own."""
 FIRMWARE_HZ = 80.0
 ODR_HZ = 1000.0
 LSB_DPS = 2000.0 / 32768
@@ -20,7 +22,7 @@ LSB_DPS = 2000.0 / 32768
 
 def sensor_response(hz: Floats) -> NDArray[np.complex128]:
     s = 1j * hz / SENSOR_HZ * np.sqrt(np.sqrt(2) - 1)
-    return np.asarray(1 / (1 + s) ** 2)
+    return np.asarray(1 / ((1 + s) ** 2 * np.sqrt(1 + (hz / UNFILTERED_HZ) ** 8)))
 
 
 def firmware_response(hz: Floats) -> NDArray[np.complex128]:

@@ -174,4 +174,4 @@ def lines(first: Source, second: Source, found: Shift, paper: PaperShift | None)
     yield f"  unseen    {UNSEEN}"
     for each in (first, second):
         if each.left_out:
-            yield f"  left out  {each.left_out} rows of {each.label}: of other epochs, or out of order"
+            yield f"  left out  {each.left_out} rows of {each.label}: of other epochs, out of order, or no number"

@@ -33,14 +33,15 @@ def run(arguments: argparse.Namespace) -> int:
         tracks = tracks_of(arguments.file, log, arguments.source)
         warn(arguments.file, log)
         found = {track.name: lag_of(attitudes_of(track, gyro), gyro.gyro) for track in tracks}
+        known = {name: each for name, each in found.items() if isinstance(each, Lag)}
         if arguments.json:
             for record in records(arguments.file, gyro, found):
                 print(line(record))
-        else:
+        elif known:
             print("\n".join(lines(arguments.file, gyro, found)))
-        known = {name: each for name, each in found.items() if isinstance(each, Lag)}
         if not known:
-            raise PeerError(f"{arguments.file}: no lag is known: {'; '.join(why(each) for each in found.values())}")
+            reasons = dict.fromkeys(why(each) for each in found.values())
+            raise PeerError(f"{arguments.file}: no lag of {', '.join(found)} is known: {'; '.join(reasons)}")
         if draw:
             draw(shapes(known), 1 + min(len(known), SHOWN))
     return 0

@@ -15,9 +15,10 @@ from .camera_model import MIDDLE, Places, expected, mount
 from .camera_onset import Onsets, onsets
 from .camera_patches import find, smooth
 from .camera_tiles import SURE, Tiles
+from .gyro import DPS
 from .gyro_filter import as_exposed, late_us, sample_us
 from .ticks import Floats
-from .turning import Turning
+from .turning import GAP_S, Turning
 
 Reason = Literal[
     "too few frames",
@@ -35,8 +36,10 @@ BLOCKS = 20
 SIDE_MIN = 60
 APART_S = 0.5
 """Frames further apart are no pair."""
-RATE_MIN = np.radians(2.0)
-"""rad/s, rms."""
+RATE_MIN, SLOW_MIN = np.radians([2.0, 0.5])
+"""rad/s, rms: least, and what a gyro at rest never shows, but one that counts radians does."""
+FOCAL_MAX = 10.0
+"""Of a picture's width: no lens of a drone is so long."""
 SURE_MIN, TEXTURE_MIN = 0.1, 0.1
 """Of tiles, and of patches."""
 COARSE_MIN, FINE_MIN = 0.8, 0.9
@@ -119,6 +122,12 @@ def align(
             f"only {heard.sum()} of {len(stamps)} (from {stamps[0]:.0f} to {stamps[-1]:.0f} us; rows {rows}): were both"
             " made in one run, without a reset between?",
         )
+    apart_s = float(np.median(np.diff(time_s)))
+    if apart_s > GAP_S:
+        return Refused(
+            "the log does not cover the frames",
+            f"its rows are {apart_s * 1e3:.0f} ms apart: log the gyro at 500 Hz or more",
+        )
     near = (time_s > stamp_s[0] - reach_s - 1) & (time_s < stamp_s[-1] + reach_s + 1)
     time_s, rate_rad_s = time_s[near], rate_rad_s[near]
     during = (time_s > stamp_s[0]) & (time_s < stamp_s[-1])
@@ -127,7 +136,7 @@ def align(
         return Refused(
             "too little rotation",
             f"its rate varies by {np.degrees(speed):.2f} deg/s rms: a steady turn does not tell the time; turn it"
-            " to and fro, quickly",
+            f" to and fro, quickly{'' if speed < SLOW_MIN else f'; or is it in rad/s? {DPS}'}",
         )
     own_us = sample_us(gyro_us[near]) if filtered else None
     turning = Turning(time_s, as_exposed(time_s, rate_rad_s, own_us, exposure_s or 0.0))
@@ -147,6 +156,11 @@ def align(
         return Refused(
             "the pictures do not move with the gyro",
             f"{told} of their motion goes with any offset within {reach_s:g} s: is it the log of this robot and run?",
+        )
+    if first.focal_px > FOCAL_MAX * film.width:
+        return Refused(
+            "the pictures do not move with the gyro",
+            f"they move as far only behind a lens of {first.focal_px:.0f} px: is the gyro in rad/s? {DPS}",
         )
     if first.rival_s is not None:
         return Refused(

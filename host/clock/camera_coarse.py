@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,8 @@ AGAIN = 2.0
 REWEIGHTED = 3
 TURN_MAX = 0.25
 """rad, from frame to frame: of larger ones, those found by chance outweigh the others."""
+TOGETHER = 10_000
+"""Turns that are worked out at once."""
 SOLVED = 1e-4
 """Ridge, of the mean: axes that the motion does not use."""
 
@@ -53,7 +56,7 @@ def coarse(
     )
     weight = (sure > SURE).astype(np.float64)
     offsets = np.arange(-reach_s, reach_s + STEP_S / 2, STEP_S)
-    turns = [turn_of(turning, stamps_s + each) for each in offsets]
+    turns = list(turns_of(turning, stamps_s, offsets))
     for _ in range(REWEIGHTED):
         by_pair = np.einsum("kt,tij,til->kjl", weight, effect, effect)
         pulled = np.einsum("kt,tij,kti->kj", weight, effect, moved)
@@ -82,15 +85,20 @@ def coarse(
     return Coarse(middle_s, focal_px, pitch_deg, roll_deg, float(explained[best]), rival_s, offsets, explained)
 
 
-def turn_of(turning: Turning, at_s: Floats) -> tuple[Floats, np.ndarray]:
-    """Zero where the log does not know it."""
-    known = turning.is_known(at_s[:, 0], at_s[:, 1])
-    return turning.between(at_s[:, 0], at_s[:, 1]) * known[:, None], known
+def turns_of(turning: Turning, stamps_s: Floats, offsets_s: Floats) -> Iterator[tuple[Floats, np.ndarray]]:
+    """For each offset: of each pair, zero where the log does not know it; and where it does."""
+    together = max(TOGETHER // len(stamps_s), 1)
+    for first in range(0, len(offsets_s), together):
+        at_s = (stamps_s + offsets_s[first : first + together, None, None]).reshape(-1, 2)
+        known = turning.is_known(at_s[:, 0], at_s[:, 1])
+        turn = turning.between(at_s[:, 0], at_s[:, 1]) * known[:, None]
+        yield from zip(turn.reshape(-1, len(stamps_s), 3), known.reshape(-1, len(stamps_s)), strict=True)
 
 
 def normal(by_pair: Floats, pulled: Floats, turn: Floats) -> tuple[Floats, Floats]:
     """Of the nine entries of focal length times mount."""
-    both = np.einsum("kjl,ka,kb->jalb", by_pair, turn, turn, optimize=True).reshape(9, 9)
+    square = (turn[:, :, None] * turn[:, None]).reshape(-1, 9)
+    both = (by_pair.reshape(-1, 9).T @ square).reshape(3, 3, 3, 3).transpose(0, 2, 1, 3).reshape(9, 9)
     return both, np.einsum("kj,ka->ja", pulled, turn).reshape(9)
 
 

@@ -123,8 +123,8 @@ def track(
     solve = np.linalg.inv(squares + (WEAK * CONTRAST * SIDE) ** 2 * np.eye(2))
     template, is_in = (each.reshape(len(from_), -1) for each in (whole[:, 1:-1, 1:-1], is_in))
     square = np.stack(np.meshgrid(wide[1:-1], wide[1:-1])).reshape(2, -1)
-    bent = curve @ np.stack([square[0] ** 2, square[0] * square[1], square[1] ** 2])
-    stretched = (to[:, :, None] + shape @ square + bent).astype(np.float32)
+    terms = np.concatenate([square, [square[0] ** 2, square[0] * square[1], square[1] ** 2]])
+    stretched = np.concatenate([shape, curve], axis=2).astype(np.float32) @ terms + to.astype(np.float32)[:, :, None]
     shift, noise, alike = np.zeros_like(to), np.ones(len(to)), np.zeros(len(to))
     lively = np.arange(len(to))
     for _ in range(ROUNDS):

@@ -47,6 +47,11 @@ STEPS_MAX = 12
 AWAY = np.array([20e3, 3000.0, 0.9, 100.0])
 """Further from where it begins, us, ppm, gain and deg/s, the fit is lost."""
 STEP_US = 0.003
+IN_RADIANS = 40.0
+"""Of two gyros that should be alike: one that is so much slower, and up to twice that, counts radians."""
+SWUNG_DPS_MIN = 100.0
+"""The faster one; a board that is rocked that little leaves it open which it is."""
+DPS = "Rates must be deg/s, as gyro.x, gyro.y and gyro.z are"
 SKEW = np.array([0.0, 1.0, 0.0, 0.0])
 
 
@@ -118,13 +123,20 @@ class Refused:
 
 
 def compare(first: Gyro, second: Gyro) -> Shift | Refused:
-    if min(len(first.time_us), len(second.time_us)) < ROWS_OF_LOG_MIN:
-        return Refused(f"less than {ROWS_OF_LOG_MIN} rows of one of them")
+    rows = [len(each.time_us) for each in (first, second)]
+    if min(rows) < ROWS_OF_LOG_MIN:
+        return Refused(
+            f"{rows[0]} and {rows[1]} rows of the gyros: {ROWS_OF_LOG_MIN} of each are needed, best at 1 kHz"
+        )
     one = Samples(first.time_us, main_axis(first.rate_dps))
     other = Samples(second.time_us, main_axis(second.rate_dps))
     turned = [float(np.ptp(np.quantile(each.value, [0.001, 0.999]))) for each in (one, other)]
+    if max(turned) > SWUNG_DPS_MIN and max(turned) > IN_RADIANS * min(turned) > 0.5 * max(turned):
+        return Refused(
+            f"the {('first', 'second')[turned[1] < turned[0]]} turned a 57th of the other: is it in rad/s? {DPS}"
+        )
     if min(turned) < TURNED_DPS_MIN:
-        return Refused(f"too little rotation: {min(turned):.1f} deg/s from end to end")
+        return Refused(f"too little rotation: {min(turned):.1f} deg/s from end to end; rock and strike the board")
     found = align(one, other)
     if isinstance(found, str):
         return Refused(found)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .gyro import Gyro, Refused
+from .gyro import DPS, IN_RADIANS, Gyro, Refused
 from .gyro_filter import late_us, sample_us
 from .jackknife import left_out
 from .ticks import Floats
@@ -84,11 +84,15 @@ class Lag:
 
 def lag_of(poses: Attitudes, gyro: Gyro) -> Lag | Refused:
     known = np.isfinite(poses.attitude).all(axis=1)
-    if known.sum() < POSES_MIN * SEGMENTS_MIN or len(gyro.time_us) < POSES_MIN * SEGMENTS_MIN:
-        return Refused("too few attitudes, or rows of the gyro")
+    least = POSES_MIN * SEGMENTS_MIN
+    if min(known.sum(), len(gyro.time_us)) < least:
+        return Refused(f"{known.sum()} attitudes and {len(gyro.time_us)} rows of the gyro: {least} of each are needed")
     begin_us = float(gyro.time_us[0])
     turning = Turning((gyro.time_us - begin_us) * 1e-6, np.radians(gyro.rate_dps))
     fit = LagFit(turning, (poses.time_us[known] - begin_us) * 1e-6, poses.attitude[known][:, [3, 0, 1, 2]])
+    turns = fit.rows(0.0, np.ones(len(fit.time_s), np.bool_), NOTHING[MOUNT])
+    if len(turns.place) and turns.residual.std() > IN_RADIANS * turns.columns[:, GAIN].std() > IN_RADIANS * NOISE:
+        return Refused(f"the attitudes turn 40 times as far as the gyro, or more: is it in rad/s? {DPS}")
     found = fit.searched()
     if isinstance(found, Refused):
         return found
@@ -197,7 +201,10 @@ class LagFit:
             return Refused("attitudes and gyro are not of the same time")
         elsewhere = np.abs(SEARCH_US - SEARCH_US[best]) > APART_US
         if best in (0, len(errors) - 1) or errors[elsewhere].min() <= RIVAL * errors[best]:
-            return Refused("too little rotation, or an even one: no lag between -60 and 160 ms fits better than others")
+            return Refused(
+                "too little rotation, or an even one: no lag between -60 and 160 ms fits better than others;"
+                " turn the robot to and fro, quickly, for 10 s"
+            )
         return float(SEARCH_US[best]) * 1e-6
 
     def rows(self, late_s: float, used: NDArray[np.bool_], mount: Floats) -> Rows:

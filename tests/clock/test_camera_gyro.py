@@ -117,6 +117,7 @@ def test_the_papers_procedure() -> None:
         ("too few frames", {"seconds": 32.0, "fps": 1.0}, {}),
         ("the log does not cover the frames", {}, {"rows": 0}),
         ("the log does not cover the frames", {}, {"rows": 1200}),
+        ("the log does not cover the frames", {"seconds": 4.0}, {"every": 100}),
         ("too little texture", {"optics": Optics(width=40, height=30)}, {}),
     ],
     ids=lambda each: each if isinstance(each, str) else "",
@@ -125,12 +126,22 @@ def test_refused(reason: str, made: dict, more: dict) -> None:
     flown = short(1, **{"motion": "teeter", **made})
     log = short(more["log_of"], "yaw") if "log_of" in more else flown
     rates = np.radians(log.gyro_deg_s)
-    rows = slice(more.get("rows"))
+    rows = slice(None, more.get("rows"), more.get("every"))
     times_us = (log.gyro_time_s[rows] + more.get("later_s", 0)) * 1e6
     got = align(Film(flown), times_us, rates[rows], flown.optics.line_s)
     assert isinstance(got, Refused), got
     assert got.reason == reason, got
     assert got.detail
+
+
+def test_radians_are_not_taken_for_degrees() -> None:
+    """Slow ones look like rest; behind fast ones, the lens would have to be 57 times as long as it is."""
+    for deg_s in (60.0, 220.0):
+        made = swung(1, deg_s, 0.7, seconds=4.0)
+        rates = np.radians(made.turned.rate(made.gyro_time_s))
+        got = align(Film(made), made.gyro_time_s * 1e6, rates, made.optics.line_s, filtered=False)
+        assert isinstance(got, Refused)
+        assert "rad/s" in got.detail, got
 
 
 def test_slow_swings_tell_too_little() -> None:

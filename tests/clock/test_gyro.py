@@ -151,6 +151,16 @@ def test_logs_with_nothing_in_them(rows: int) -> None:
         assert "rows" in found.why if rows < 1000 else "too little rotation" in found.why
 
 
+def test_radians_are_not_taken_for_degrees() -> None:
+    first, second = map(gyro, teeter(Board(seed=1, **SHORT)).logs)
+    radians = Gyro(second.time_us, np.radians(second.rate_dps))
+    for pair, named in (((first, radians), "the second turned"), ((radians, first), "the first turned")):
+        found = compare(*pair)
+        assert isinstance(found, Refused)
+        assert named in found.why
+        assert "rad/s" in found.why
+
+
 def test_two_boards_are_not_one() -> None:
     one, other = (teeter(Board(seed=seed, **SHORT)).logs[0] for seed in (1, 2))
     found = compare(gyro(one), gyro(other))

@@ -127,6 +127,13 @@ def test_a_gyro_that_was_never_logged_right() -> None:
     assert isinstance(lag_of(Attitudes(np.zeros(0), np.zeros((0, 4))), gyro), Refused)
 
 
+def test_a_gyro_in_radians() -> None:
+    gyro, mocap, _ = read(pose_log(Flight(seed=1, seconds=8)))
+    found = lag_of(mocap, Gyro(gyro.time_us, np.radians(gyro.rate_dps)))
+    assert isinstance(found, Refused)
+    assert "rad/s" in found.why
+
+
 def test_wrong_poses_and_gaps_are_left_out() -> None:
     flight = Flight(seed=3, seconds=12)
     gyro, mocap, _ = read(pose_log(flight))
@@ -175,7 +182,10 @@ def test_what_the_command_refuses(tmp_path: Path, log: str, capsys: pytest.Captu
     still = tmp_path / "still"
     still.write_bytes(pose_log(Flight(motion="still", seconds=8)))
     assert main(["sync", "mocap", str(still), "--plot", str(tmp_path / "none.svg")]) == 4
-    assert "too little rotation" in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert "too little rotation" in said.err
+    assert said.err.count("\n") == 1
+    assert not said.out
     assert not (tmp_path / "none.svg").exists()
     assert main(["sync", "mocap", log, "--source", "acc"]) == 2
     assert "no position or attitude" in capsys.readouterr().err
