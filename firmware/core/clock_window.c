@@ -5,6 +5,7 @@ enum {
     VOTES_MIN_Q16 = 20000,
     SKEW_KNOWN_US = 4000000, ///< window that makes a skew worth keeping
     SKEW_SPAN_US = 2000000,  ///< shorter ones are of less worth than a skew that was kept
+    UNUSUAL = 14,            ///< times the mean square of how far two windows are apart: not the oscillators
     LEAP_US = 1000,          ///< starved by more: a leap, not drift
     MESSAGES_MIN = 8,        ///< for a first line
     SAG = 8,                 ///< as DOUBT, of many blocks
@@ -160,10 +161,14 @@ static void choose(clock_track_t *self) {
         excess[i - 1] = excess[i - 1] > excess[i] / 2 ? excess[i] / 2 : excess[i - 1];
     }
     uint8_t best = 0;
+    uint32_t torn_us = 0;
     uint64_t best_cost = squared(per_message(self, fits[0].count, 7)) / 4;
     uint64_t wander = self->apart[0].square_q16 / 4;
     for (uint8_t i = 1; i < count; i++) {
-        if (self->apart[i - 1].newest_q8 > per_message(self, fits[i - 1].count, 40)) {
+        const clock_apart_t *apart = &self->apart[i - 1];
+        if (apart->newest_q8 > per_message(self, fits[i - 1].count, 40)) {
+            const bool unusual = squared(apart->newest_q8) > UNUSUAL * apart->square_q16;
+            torn_us = unusual ? at_most(apart->newest_q8 / Q8, LATE_US) : 0;
             break;
         }
         excess[i] = excess[i] > excess[i - 1] ? excess[i] : excess[i - 1];
@@ -179,7 +184,7 @@ static void choose(clock_track_t *self) {
     self->window_count = fits[best].count;
     self->noise_q8 = per_message(self, fits[best].count, 10);
     self->wander_q8 = clock_root(wander) * 5 / 4;
-    self->doubt_windows_us = 0;
+    self->doubt_windows_us = torn_us;
     for (uint8_t i = 0; i < best; i++) {
         const int64_t apart_q8 = fits[i].line.ahead_q8 - fits[best].line.ahead_q8;
         const uint64_t far_q8 = (uint64_t)(apart_q8 < 0 ? -apart_q8 : apart_q8);

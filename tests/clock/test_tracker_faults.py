@@ -148,3 +148,12 @@ def test_a_step_of_the_rate_is_flagged_soon_after_messages_tell(ppm: float, fram
         told_us = oracle.revealed_us(made, oracle.of_rate_step(made, link), 500, 1e-3)
         found += int((tracked(made).wrong_unflagged & ~usual & (made.frame_us >= told_us)).sum())
     assert found <= frames
+
+
+def test_delays_that_grow_for_good_leave_no_wrong_time_without_a_warning() -> None:
+    """When the newest 2 s have the old mean delay's bound and the new one's scatter."""
+    case = CASES["delays rise to 2 ms"]
+    for seed in (4, 9, 16, 18):
+        result = tracked(run(case.link, seed))
+        near = (result.at_s > 29) & (result.at_s < 35)
+        assert not (result.wrong_unflagged & near).any(), f"seed {seed}"
