@@ -5,17 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 from array import array
-from collections.abc import Iterator
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import closing
 from typing import Any
 
-from ..protocol.errors import LocalError, PeerError
+from ..protocol.errors import LocalError, PeerError, PeerSilentError, SpindeckError
 from ..radio.broadcast import Air, Sent, beacons
 from ..usd.host_log import HostLog
 from . import EXIT_INTERRUPTED
 from .as_json import line
 from .interrupt import Interrupt
-from .new_file import new_file
 
 HZ_MIN, HZ_MAX = 1.0, 10.0
 SECOND_US = 1_000_000
@@ -30,12 +28,15 @@ class Tally:
         self.late_us = array("q")
         self.transfer_us = array("q")
         self.failed = self.skipped = self.sequence = 0
+        self.why = ""
+        """The last one failed."""
 
     def add(self, sent: Sent) -> None:
         self.sequence = sent.sequence
         self.skipped += sent.skipped
         if sent.failed:
             self.failed += 1
+            self.why = sent.failed
             return
         self.late_us.append(sent.late_us)
         self.transfer_us.append(sent.transfer_us)
@@ -68,15 +69,19 @@ def run(arguments: argparse.Namespace) -> int:
         raise LocalError("--log: its name is empty")
     with closing(open_air(arguments.port)) as air, Interrupt() as interrupt:
         whole = Tally()
-        with host_log(arguments.log) if arguments.log else nullcontext() as log:
+        log = HostLog(arguments.log) if arguments.log else None
+        try:
             lost = send(air, arguments, interrupt, log, whole)
-            if not whole.late_us:
-                raise lost or KeyboardInterrupt  # and no log
-        if lost and not isinstance(lost, PeerError):
+        finally:
+            if log:
+                log.end()
+        if not whole.late_us:
+            raise lost or (KeyboardInterrupt() if interrupt.asked else PeerSilentError(whole.why))
+        if lost and not isinstance(lost, SpindeckError):
             raise lost
         finish(whole, air, arguments.json)
     if lost:
-        kept = f"; {arguments.log} has what was sent before" if log else ""
+        kept = f"; {arguments.log} has what was sent before" if log and isinstance(lost, PeerError) else ""
         raise type(lost)(f"{lost} ({len(whole.late_us)} beacons were sent{kept})")
     return EXIT_INTERRUPTED if interrupt.asked and arguments.duration is not None else 0
 
@@ -84,31 +89,21 @@ def run(arguments: argparse.Namespace) -> int:
 def send(
     air: Air, arguments: argparse.Namespace, interrupt: Interrupt, log: HostLog | None, whole: Tally
 ) -> BaseException | None:
-    """Why it ended before its time: the dongle, a reader of our lines that has enough, a second Ctrl-C. Whatever that
-    was, the log is to be ended."""
+    """Why it ended before its time: the dongle, the log or our output that takes no more, a second Ctrl-C."""
     second, begin_us = Tally(), air.now_us()
     said_us = begin_us + SECOND_US
     try:
         for sent in beacons(air, arguments.hz, arguments.duration, lambda: interrupt.asked, arguments.reset):
+            whole.add(sent)
             if log and not sent.failed:
                 log.add(sent.sequence, sent.host_us, sent.done_us)
-            whole.add(sent)
             if sent.host_us >= said_us:
                 tell(second, (sent.host_us - begin_us) // SECOND_US, arguments.json)
                 second, said_us = Tally(), said_us + (sent.host_us - said_us) // SECOND_US * SECOND_US + SECOND_US
             second.add(sent)
-    except (PeerError, BrokenPipeError, KeyboardInterrupt) as error:
+    except (SpindeckError, OSError, KeyboardInterrupt) as error:
         return error
     return None
-
-
-@contextmanager
-def host_log(path: str) -> Iterator[HostLog]:
-    """A new file, whole when this ends, and none if that is by an error."""
-    with new_file(path) as file:
-        log = HostLog(file)
-        yield log
-        log.end()
 
 
 def open_air(port: str) -> Air:

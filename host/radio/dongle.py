@@ -59,7 +59,8 @@ class Dongle:
                 raise LocalError(f"{url}: {why(error)}") from error
 
     def now_us(self) -> int:
-        return time.monotonic_ns() // 1000
+        # The monotonic clock; on Windows time.monotonic has steps of 15.6 ms before Python 3.13.
+        return time.perf_counter_ns() // 1000
 
     def wait_until(self, at_us: int, stop: Callable[[], bool]) -> None:
         while not stop() and (left_s := (at_us - self.now_us()) * 1e-6) > 0:

@@ -78,15 +78,14 @@ class Flight:
         """The host's clock and each robot's."""
         self.world.run(1.0)
         air = InWorld(self.world, self._watch)
-        with (folder / "host00").open("xb") as file:
-            log = HostLog(file)
-            self.sent = []
-            for run in range(runs):
-                self.world.run(30.0 * bool(run))
-                for each in beacons(air, hz, seconds, lambda: False):
-                    log.add(each.sequence, each.host_us, each.done_us)
-                    self.sent.append(each)
-            log.end()
+        log = HostLog(folder / "host00")
+        self.sent = []
+        for run in range(runs):
+            self.world.run(30.0 * bool(run))
+            for each in beacons(air, hz, seconds, lambda: False):
+                log.add(each.sequence, each.host_us, each.done_us)
+                self.sent.append(each)
+        log.end()
         for robot in self.world.robots:
             robot.inject("uart2_to_stm32", SHUTDOWN)
         self.world.run(1.0)

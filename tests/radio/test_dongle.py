@@ -2,6 +2,7 @@
 
 import errno
 import json
+import resource
 import signal
 import sys
 import types
@@ -281,9 +282,13 @@ def test_a_dongle_that_takes_nothing_more(plug: Plug, tmp_path: Path, capsys: py
     assert sent.tolist() == [last - 6, last - 5]
 
 
-@pytest.mark.parametrize("error", [BrokenPipeError(), KeyboardInterrupt()], ids=["head", "twice Ctrl-C"])
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [(BrokenPipeError(), 0), (KeyboardInterrupt(), 130), (OSError(errno.ENOSPC, "No space left on device"), 2)],
+    ids=["head", "twice Ctrl-C", "/dev/full"],
+)
 def test_whatever_ends_it_the_log_is_kept(
-    error: BaseException, plug: Plug, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    error: BaseException, code: int, plug: Plug, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A program that reads our lines and has enough; whoever is impatient."""
     dongle = FakeDongle()
@@ -295,10 +300,37 @@ def test_whatever_ends_it_the_log_is_kept(
     monkeypatch.setattr("host.cli.sync_send.tell", fail)
     monkeypatch.setattr("host.cli.sync_send.SECOND_US", 200_000)
     monkeypatch.setattr("host.cli.forget_output", lambda: None)
-    assert send(tmp_path / "host00") == (0 if isinstance(error, BrokenPipeError) else 130)
+    assert send(tmp_path / "host00") == code
     found = decode((tmp_path / "host00").read_bytes())
     assert len(found.rows["beaconSent"]) == len(dongle.sent) > 0
     assert not found.damages
+
+
+def test_a_disk_that_is_full(plug: Plug, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Rows that fit are kept."""
+    dongle = FakeDongle()
+    plug(dongle)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (150, before[1]))
+    try:
+        assert send(tmp_path / "host00") == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, ignored)
+    out, err = capsys.readouterr()
+    rows = len(decode((tmp_path / "host00").read_bytes()).rows["beaconSent"])
+    assert 0 < rows == len(dongle.sent) - 1
+    assert f"host00: File too large; {rows} beacons are in it" in err
+    assert json.loads(out)["sent"] == rows + 1
+
+
+def test_a_dongle_that_takes_nothing_at_all(plug: Plug, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In less time than it takes to give it up."""
+    plug(FakeDongle(fail=raising("bulk", "Operation timed out", errno.ETIMEDOUT)))
+    assert send(tmp_path / "host00", "--duration", "0.3") == 3
+    assert "has not taken a packet within 100 ms" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(("more", "code"), [([], 0), (["--duration", "9"], 130)])
