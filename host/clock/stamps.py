@@ -99,6 +99,7 @@ def stamp(
     the STM32's do not: it may send at whole milliseconds on a clock of 1 us. Without `readings` frames have ended when
     the GAP8 read its clock."""
     ticks = tick_us(gap8), stm32_tick_us
+    told = np.zeros(len(stm32), np.int64) if resets is None else resets
     all_ = sort(stm32, gap8, frame_gap8, frame_after, resets, max(ticks))
     fitted = tuple(fit(all_, each, max(ticks), wire_us) for each in all_.epochs if is_enough(all_, each))
     read_us = all_.frame_gap8_us
@@ -109,7 +110,7 @@ def stamp(
     why = refusals(all_, fitted, frames)
     for number, each in enumerate(fitted):
         reach = (frames >= each.sent_us[0] - AGE_S * 1e6) & (frames <= each.sent_us[1] + AGE_S * 1e6)
-        mine = np.flatnonzero((all_.frame_boot == each.boot) & reach & ~between(fitted, number, frames))
+        mine = np.flatnonzero((all_.frame_boot == each.boot) & reach & ~between(all_, told, each, frames))
         at_s = (frames[mine] - each.begin_us) * 1e-6
         knots = each.smoothed.track
         # Ticks are read as their middle, on both clocks; the half tick of the STM32's is what it is on average.
@@ -151,15 +152,18 @@ def fit(all_: Sorted, epoch: Epoch, coarse_us: float, wire_us: float) -> Fitted:
     )  # fmt: skip
 
 
-def between(fitted: tuple[Fitted, ...], number: int, frames: Floats) -> NDArray[np.bool_]:
-    """Frames beside an epoch, on a side where another one of the same boot follows: in which they are is not known."""
-    each = fitted[number]
-    beside = np.zeros(len(frames), np.bool_)
-    if number and fitted[number - 1].boot == each.boot:
-        beside |= frames < each.sent_us[0]
-    if number + 1 < len(fitted) and fitted[number + 1].boot == each.boot:
-        beside |= frames > each.sent_us[1]
-    return beside
+def between(all_: Sorted, told: Ints, each: Fitted, frames: Floats) -> NDArray[np.bool_]:
+    """Frames beside an epoch, on a side where messages of another one of the same boot came, be they ever so few: in
+    which of both they are is not known. `told`: the STM32's count of its resets, in each message."""
+    others = told != told[each.epoch.messages[0]]
+    for epoch in all_.epochs:
+        if epoch is not each.epoch:
+            others[epoch.messages] = True
+    heard = all_.gap8_us[others & (all_.message_boot == each.boot)]
+    if not len(heard):
+        return np.zeros(len(frames), np.bool_)
+    first, last = each.sent_us
+    return np.asarray((frames < first) & (heard.min() < first) | (frames > last) & (heard.max() > last))
 
 
 def away_us(all_: Sorted, each: Fitted, frames: Floats) -> Floats:
@@ -188,7 +192,10 @@ def refusals(all_: Sorted, fitted: tuple[Fitted, ...], frames: Floats) -> Ints:
         for begin, end in spans:
             inside |= (frames >= begin) & (frames <= end)
         reason = np.where(inside, REFUSALS.index("no message near"), REFUSALS.index("between epochs"))
-        reason = np.where(frames < spans[0][0], REFUSALS.index("before the first message"), reason)
-        reason = np.where(frames > spans[-1][1], REFUSALS.index("after the last message"), reason)
+        heard = all_.gap8_us[all_.message_boot == boot]
+        outside = (frames < spans[0][0]) | (frames > spans[-1][1])
+        reason = np.where(outside, REFUSALS.index("too few messages"), reason)
+        reason = np.where(outside & (frames < heard.min()), REFUSALS.index("before the first message"), reason)
+        reason = np.where(outside & (frames > heard.max()), REFUSALS.index("after the last message"), reason)
         why = np.where(mine, reason, why)
     return why

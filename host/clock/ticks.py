@@ -21,6 +21,9 @@ WRAP_US = 60_000_000
 BACK_US = 2_000_000
 """The GAP8's times come in order but for this much; else it has started anew."""
 RTC_HZ = 32768
+RTC_PARTS = 15625, 512
+"""A step of it, and 1 us, in whole parts."""
+AT_ONCE = 8
 SLOW = 84 / 85
 """Rate of a clock that counts 84 where 85 have passed, against a right one: STM32 firmware before August 2026."""
 JUMP_US = 20_000.0
@@ -87,16 +90,24 @@ def unwrap(raw: NDArray[np.uint64]) -> Ints:
 
 
 def tick_us(readings: NDArray[np.uint64] | Ints) -> float:
-    """The step of a clock that is read in us: 1 ms, the 32768 Hz of a watch crystal, or 1 us."""
+    """The step of a clock that is read in us: 1 ms, the 32768 Hz of a watch crystal, or 1 us. Steps may begin anywhere:
+    a counter that started elsewhere, or has wrapped, has its own."""
     some = np.asarray(readings)[: 100 * 1000 : max(1, len(readings) // 1000)].astype(np.int64)
-    if len(some) < 8:
+    if len(some) < AT_ONCE:
         return 1.0
-    if (some % 1000 == 0).mean() > 0.95:
+    varied = len(np.unique(np.diff(some))) > 1  # A clock of 1 us that hears every 10 ms has steps of 1 ms too.
+    if (some % 1000 == 0).mean() > 0.95 or (varied and on_grid(some, 1000, 1)):
         return 1000.0
-    ticks = -(-some * RTC_HZ // 1_000_000)
-    if (ticks * 1_000_000 // RTC_HZ == some).mean() > 0.95:
-        return 1e6 / RTC_HZ
-    return 1.0
+    return 1e6 / RTC_HZ if on_grid(some, *RTC_PARTS) else 1.0
+
+
+def on_grid(readings: Ints, step: int, us: int) -> bool:
+    """Whether readings, cut to whole us, are on a grid of that step, as far as they are seen a few at a time. Both in
+    parts, of which there are `us` in 1 us."""
+    few = readings[: len(readings) // AT_ONCE * AT_ONCE].reshape(-1, AT_ONCE)
+    place = np.sort(few * us % step, axis=1)
+    empty = np.maximum(np.diff(place, axis=1).max(axis=1), place[:, 0] + step - place[:, -1])
+    return bool((empty > step - us).mean() > 0.95)
 
 
 def sort(

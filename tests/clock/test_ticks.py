@@ -166,6 +166,28 @@ def test_a_leap_is_not_hidden_by_the_robots_own_count() -> None:
     assert (np.abs(got.stm32_us - made.frame_true_us[got.frame]) < 2 * got.bound_us).all()
 
 
+@pytest.mark.parametrize("heard", [1, 4, 20, 45])
+@pytest.mark.parametrize("after", [False, True])
+@pytest.mark.parametrize("told", [False, True])
+def test_an_epoch_of_few_messages_is_no_part_of_its_neighbour(heard: int, after: bool, told: bool) -> None:
+    """On a bad link hardly anything is heard before a reset, or after one: what is heard tells that there was one."""
+    made = models.stm32_leap(run(LINK, 5), AT, -25_000_000)
+    place = np.arange(len(made.stm32_us))
+    few = (place >= AT) == after
+    some = models.take(made, ~few | (np.cumsum(few) % (few.sum() // heard) == 1))
+    stm32, gap8, frames = (each.astype(np.uint64) for each in (some.stm32_us, some.gap8_us, some.frame_gap8_us))
+    resets = (some.stm32_us < some.gap8_us - 12_000_000).astype(np.int64) if told else None
+    if told:
+        assert 0 < resets.mean() < 1
+    elif heard < 20:
+        return  # A handful that nobody explains are outliers.
+    got = stamp(stm32, gap8, frames, some.frame_after, resets)
+    assert len(got.fitted) == 1
+    assert len(got.frame) > 0.4 * len(frames)
+    assert (np.abs(got.stm32_us - some.frame_true_us[got.frame]) < 2 * got.bound_us).all()
+    assert "too few messages" in got.refused.values()
+
+
 def test_unwrap() -> None:
     top = (1 << 32) - 1
     assert unwrap(np.array([top - 1, 1, 5], np.uint64)).tolist() == [top - 1, top + 2, top + 6]
@@ -179,3 +201,18 @@ def test_ticks_are_recognised() -> None:
     assert tick_us(at) == 1.0
     assert tick_us(at // 1000 * 1000) == 1000.0
     assert tick_us((at * 32768 // 10**6) * 10**6 // 32768) == 1e6 / 32768
+
+
+@pytest.mark.parametrize("start", [0, 1, 17, 299_999, (1 << 32) - 5_000_000, 4_288_340_022])
+@pytest.mark.parametrize("wraps", [False, True])
+def test_ticks_are_recognised_wherever_they_begin(start: int, wraps: bool) -> None:
+    rng = np.random.default_rng(start)
+    at = 10_000 * np.arange(1000) + rng.exponential(300, 1000).astype(np.int64)
+    for readings, tick in (
+        (at, 1.0),
+        (at // 1000 * 1000, 1000.0),
+        ((at * 32768 // 10**6) * 10**6 // 32768, 1e6 / 32768),
+    ):
+        assert tick_us((readings + start) % (1 << 32 if wraps else 1 << 48)) == tick
+    even = start + 10_000 * np.arange(1000)
+    assert tick_us(even) == (1000.0 if start % 1000 == 0 else 1.0), "a clock of 1 us may hear every 10 ms"
