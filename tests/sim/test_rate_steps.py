@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from restamped import restamped
 
-from host.cli.sync_stamps_read import reading_of, together
-from host.clock.stamps import WIRE_US, stamp
 from sim.receiver import Receiver
 from sim.world import World
 
@@ -49,13 +48,7 @@ def test_wrong_times_have_a_flag_soon_and_the_recording_has_none(mcu: str, ppm: 
     assert flagged[near].any(), "it is told"
     assert np.nanmedian(np.abs(own_us - true_us)[-60:]) < 30, "and got over"
 
-    pairs = np.concatenate([frame.pairs for frame in frames if frame.pairs is not None])
-    after = np.cumsum([len(frame.pairs) if frame.pairs is not None else 0 for frame in frames])
-    got = stamp(
-        pairs["stm32_us"], pairs["gap8_us"], np.array([f.native.frame_gap8_us for f in frames if f.native], np.uint64),
-        after, pairs["epoch"].astype(np.int64), WIRE_US, readings=together([reading_of(frame) for frame in frames]),
-    )  # fmt: skip
-    assert len(got.fitted) == 1
-    off = np.abs(got.stm32_us - true_us[got.frame]) > got.bound_us
-    assert off.mean() <= 0.01
-    assert not off[near[got.frame]].any()
+    later = restamped(robot)
+    assert len(later.found.fitted) == 1
+    assert later.wrong.mean() <= 0.01
+    assert not later.wrong[near[later.found.frame]].any()
