@@ -89,8 +89,8 @@ def rates_deg_s(motion: Motion, time_s: Floats, rng: np.random.Generator) -> Flo
         tilt = np.zeros(len(time_s))
         at, side = float(time_s[0]) + rng.uniform(0.4, 0.9), 1.0
         while at < time_s[-1] - 1:
-            since = time_s - at
-            tilt += side * 4 * TEETER_DEG * since / TEETER_S**2 * ((since > 0) & (since < TEETER_S))
+            falls = slice(*np.searchsorted(time_s, [at, at + TEETER_S]))
+            tilt[falls] += side * 4 * TEETER_DEG * (time_s[falls] - at) / TEETER_S**2
             at, side = at + TEETER_S + rng.uniform(0.3, 0.9), -side
         window = np.hanning(round(KNOCK_S / FINE_S) + 2)
         rates[:, 1] = np.convolve(tilt, window / window.sum(), "same")

@@ -13,7 +13,7 @@ from .camera_coarse import Coarse, coarse
 from .camera_fit import Fit, Part, by_part, fit, start
 from .camera_model import MIDDLE, Places, expected, mount
 from .camera_onset import Onsets, onsets
-from .camera_patches import find, smooth
+from .camera_patches import Sought, find, smooth, sought
 from .camera_tiles import SURE, Tiles
 from .gyro import DPS
 from .gyro_filter import as_exposed, late_us, sample_us
@@ -33,6 +33,8 @@ PAIRS_MIN, PLACES_MIN = 20, 200
 PAIRS_MAX, FIRST_PAIRS = 600, 40
 """Of the frames' pairs, so many are looked at closely: in each of BLOCKS parts those in which the rate changes most."""
 BLOCKS = 20
+TOGETHER = 16
+"""Pairs whose patches are looked for in a row."""
 SIDE_MIN = 60
 APART_S = 0.5
 """Frames further apart are no pair."""
@@ -255,26 +257,30 @@ def patches(
 ) -> tuple[Places, float]:  # fmt: skip
     """All patches of the wanted pairs, and which part of them has texture."""
     found = [Places(np.zeros(0, np.intp), *(np.zeros((0, *size)) for size in ((2,), (2,), (2,), (2, 2))))]
-    textured, all_, before, last = 0, 0, None, -2
+    textured, all_, before = 0, 0, None
+    near = expectations(film, turning, theta, assumed, pairs_s[wanted])
     for number, picture in enumerate(film):
-        needed = (number < len(wanted) and wanted[number]) or (number and wanted[number - 1])
-        if not needed:
+        begins, ends = number < len(wanted) and wanted[number], number > 0 and wanted[number - 1]
+        if not begins and not ends:
             continue
         grey = smooth(picture)
-        if number and wanted[number - 1] and last == number - 1 and before is not None:
-            stamps = pairs_s[number - 1]
-
-            def expect(at: Floats, stamps: Floats = stamps) -> Floats:
-                return expected(theta, assumed, turning, np.tile(stamps, (len(at), 1)), at)
-
-            here = find(before, grey, expect, levels)
+        if ends:
+            assert before is not None
+            here = find(before, grey, next(near), levels)
             textured, all_ = textured + here.textured, all_ + here.expected
-            count = len(here.before)
-            found.append(
-                Places(
-                    np.full(count, number - 1), np.tile(stamps, (count, 1)), here.before, here.after, here.information
-                )
-            )
-        before, last = grey, number
+            pair = np.full(len(here.before), number - 1)
+            found.append(Places(pair, pairs_s[pair], here.before, here.after, here.information))
+        before = grey
     whole = Places(*(np.concatenate([getattr(each, name) for each in found]) for name in Places.__slots__))
     return whole, textured / max(all_, 1)
+
+
+def expectations(film: Film, turning: Turning, theta: Floats, assumed: Floats, pairs_s: Floats) -> Iterator[Sought]:
+    """For each pair, several worked out at once."""
+    for some in np.split(pairs_s, range(TOGETHER, len(pairs_s), TOGETHER)):
+
+        def expect(at: Floats, some: Floats = some) -> Floats:
+            stamps_s = np.repeat(some, at.shape[1], axis=0)
+            return expected(theta, assumed, turning, stamps_s, at.reshape(-1, 2))
+
+        yield from sought(expect, film.width, film.height, len(some))

@@ -32,6 +32,21 @@ Expect = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True, slots=True)
+class Sought:
+    """Patches of a picture, and where each is expected in the next."""
+
+    at: Floats
+    """(n, 2): u, v of their middles."""
+    there: Floats
+    """(n, 2), expected; NaN: nowhere."""
+    shape: Floats
+    """(n, 2, 2): how what is around it is stretched and sheared there: by the turn, in perspective, and by the rows'
+    different times."""
+    curve: Floats
+    """(n, 2, 3): and bent, by x x, x y and y y."""
+
+
+@dataclass(frozen=True, slots=True)
 class Found:
     before: Floats
     """(n, 2): u, v of patches with texture that were found again."""
@@ -57,8 +72,22 @@ def halved(grey: Grey) -> Grey:
     return np.asarray((even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]) / 4)
 
 
+def sought(expect: Expect, width: int, height: int, pairs: int = 1) -> list[Sought]:
+    """The patches of so many pictures of one size: a band of rows each SIDE, in it at most COLUMNS_MAX. `expect`: of
+    (pairs, n, 2) places in each first picture, where they should be in the second; NaN: nowhere."""
+    at, half = grid(width, height), SIDE / 2
+    corners = np.stack(np.meshgrid([-half, 0, half], [-half, 0, half], indexing="ij"), axis=2).reshape(9, 1, 2)
+    around = np.broadcast_to((at + corners).reshape(-1, 2), (pairs, 9 * len(at), 2))
+    p = expect(around).reshape(pairs, 3, 3, len(at), 2).transpose(1, 2, 0, 3, 4)
+    shape = np.stack([p[2, 1] - p[0, 1], p[1, 2] - p[1, 0]], axis=3) / SIDE
+    mixed = (p[2, 2] - p[2, 0] - p[0, 2] + p[0, 0]) / 2
+    curve = np.stack([p[2, 1] + p[0, 1] - 2 * p[1, 1], mixed, p[1, 2] + p[1, 0] - 2 * p[1, 1]], axis=3)
+    curve /= 2 * half * half
+    return [Sought(at, *each) for each in zip(p[1, 1], shape, curve, strict=True)]
+
+
 def grid(width: int, height: int) -> Floats:
-    """(n, 2): middles of patches: a band of rows each SIDE, in it at most COLUMNS_MAX."""
+    """(n, 2): middles of patches."""
     rows = np.arange(SIDE // 2 + 1, height - SIDE // 2, SIDE)
     count = min(COLUMNS_MAX, (width - 2) // SIDE)
     columns = np.linspace(SIDE // 2 + 1, width - SIDE // 2 - 2, count).astype(int)
@@ -67,13 +96,11 @@ def grid(width: int, height: int) -> Floats:
     return np.asarray(at - 0.5 - [(width - 1) / 2, (height - 1) / 2])
 
 
-def find(before: Grey, after: Grey, expect: Expect, levels: int) -> Found:
-    """`expect`: of places in the first picture, where they should be in the second (NaN: nowhere). `levels`: how often
-    the pictures are halved first, so that an expectation that is far off does no harm."""
+def find(before: Grey, after: Grey, near: Sought, levels: int) -> Found:
+    """`levels`: how often the pictures are halved first, so that an expectation that is far off does no harm."""
     height, width = before.shape
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
-    at = grid(width, height)
-    there, shape, curve = neighbourhood(expect, at)
+    at, there, shape, curve = near.at, near.there, near.shape, near.curve
     inside = np.all(np.abs(there) < middle - 2, axis=1) & np.isfinite(curve).all(axis=(1, 2))
     inside &= np.linalg.det(np.where(inside[:, None, None], shape, 0)) > 0.2
     at, there, shape, curve = at[inside], there[inside], shape[inside], curve[inside]
@@ -92,18 +119,6 @@ def find(before: Grey, after: Grey, expect: Expect, levels: int) -> Found:
     covariance = np.linalg.inv(squares[sure] + (WEAK * CONTRAST * SIDE) ** 2 * np.eye(2)) * noise[sure, None, None]
     information = np.linalg.inv(covariance + FLOOR_PX**2 * np.eye(2))
     return Found(at[sure], (there + shift)[sure], np.asarray(information, np.float64), int(textured.sum()), len(at))
-
-
-def neighbourhood(expect: Expect, at: Floats) -> tuple[Floats, Floats, Floats]:
-    """Where each place is expected (n, 2), and how what is around it is stretched and sheared there (n, 2, 2) and bent
-    (n, 2, 3: by x x, x y and y y): by the turn, in perspective, and by the rows' different times."""
-    half = SIDE / 2
-    corners = np.stack(np.meshgrid([-half, 0, half], [-half, 0, half], indexing="ij"), axis=2).reshape(9, 1, 2)
-    p = expect((at + corners).reshape(-1, 2)).reshape(3, 3, len(at), 2)
-    shape = np.stack([p[2, 1] - p[0, 1], p[1, 2] - p[1, 0]], axis=2) / SIDE
-    mixed = (p[2, 2] - p[2, 0] - p[0, 2] + p[0, 0]) / 2
-    curve = np.stack([p[2, 1] + p[0, 1] - 2 * p[1, 1], mixed, p[1, 2] + p[1, 0] - 2 * p[1, 1]], axis=2)
-    return p[1, 1], shape, curve / (2 * half * half)
 
 
 def track(

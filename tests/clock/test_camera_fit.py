@@ -13,7 +13,7 @@ from host.clock.turning import Turning, from_vector, to_vector
 from sim.turned_camera import Flight, Gyro, Motion, flight
 
 PX = 0.2
-DRAWS = int(os.environ.get("SPINDECK_DRAWS", "16"))
+DRAWS = int(os.environ.get("SPINDECK_DRAWS", "12"))
 PERFECT = Gyro(noise_deg_s=0.0, bias_deg_s=0.0, gain=0.0, quantum_deg_s=1e-9, filtered=False)
 
 

@@ -1,5 +1,6 @@
 """The offset between rendered frames and a gyro's log, from the pictures alone, against the simulator's truth."""
 
+import functools
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,12 +18,16 @@ DATA = Path(os.environ.get("SPINDECK_DATA", Path(__file__).resolve().parents[3] 
 
 
 class Film:
-    """Frames of a flight, rendered once."""
+    """Frames of a flight, rendered once, and not before somebody looks at them."""
 
     def __init__(self, made: Flight) -> None:
+        self.made = made
         self.width, self.height = made.optics.width, made.optics.height
         self.stamp_us = made.stamp_s * 1e6
-        self.frames = [made.frame(index) for index in range(len(made.stamp_s))]
+
+    @functools.cached_property
+    def frames(self) -> list[np.ndarray]:
+        return [self.made.frame(index) for index in range(len(self.made.stamp_s))]
 
     def __iter__(self) -> Iterator[np.ndarray]:
         return iter(self.frames)
@@ -32,6 +37,13 @@ def short(seed: int, motion: Motion = "teeter", seconds: float = 3.0, fps: float
     """All in one world: making one takes longest."""
     more = {"world": panorama(1, 183), "optics": HALF, **more}
     return flight(seed, motion, seconds=seconds, fps=fps, **more)  # type: ignore[arg-type]
+
+
+@functools.cache
+def shared() -> tuple[Flight, Film]:
+    """One flight for tests that may look at the same."""
+    made = short(4, "yaw", seconds=5, fps=12)
+    return made, Film(made)
 
 
 def swung(seed: int, deg_s: float, hz: float, **more: object) -> Flight:
@@ -86,8 +98,8 @@ def test_in_front_of_a_photograph() -> None:
 
 def test_without_line_time_and_filters() -> None:
     """The gyro's lag is then in the offset; the middle row's time does not need the readout."""
-    made = short(5, "yaw", fps=10, seconds=5)
-    got = solve(made, line_s=None, filtered=False)
+    made, film = shared()
+    got = solve(made, film, line_s=None, filtered=False)
     assert isinstance(got, Aligned), got
     assert not got.line_known
     assert abs(got.fitted.theta[MIDDLE] - made.middle_s) < 0.15e-3
@@ -165,10 +177,10 @@ def test_a_rhythm_fits_at_several_offsets() -> None:
 
 
 def test_a_hole_in_the_log_costs_only_its_frames() -> None:
-    made = short(4, "yaw", seconds=4)
+    made, film = shared()
     keep = (made.gyro_time_s < 2.0) | (made.gyro_time_s > 2.5)
     rates = np.radians(made.gyro_deg_s[keep])
-    got = align(Film(made), made.gyro_time_s[keep] * 1e6, rates, made.optics.line_s, None)
+    got = align(film, made.gyro_time_s[keep] * 1e6, rates, made.optics.line_s, None)
     assert isinstance(got, Aligned), got
     assert abs(got.fitted.theta[MIDDLE] - made.body_middle_s) < 0.15e-3
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from host.clock.camera_patches import find, smooth
+from host.clock.camera_patches import Expect, Found, find, smooth, sought
 from host.clock.camera_tiles import SURE, Tiles
 from sim.panorama import panorama
 
@@ -31,6 +31,10 @@ def pair(seed: int, u: float, v: float, noise: float = 2.0, world: np.ndarray | 
     height, width = min(244, world.shape[0] - 80), min(324, world.shape[1] - 80)
     made = [cut(world, left, top, width, height) for left, top in ((0, 0), (-u, -v))]
     return [np.clip(each + rng.normal(0, noise, each.shape), 0, 255).astype(np.uint8) for each in made]
+
+
+def search(before: np.ndarray, after: np.ndarray, expect: Expect, levels: int) -> Found:
+    return find(before, after, sought(expect, before.shape[1], before.shape[0])[0], levels)
 
 
 def tile_shift(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +68,7 @@ def test_patches_are_as_good_as_their_noise_lets_them(noise: float) -> None:
         rng = np.random.default_rng(seed)
         u, v = rng.uniform(-3, 3, 2)
         before, after = pair(seed, u, v, noise)
-        found = find(smooth(before), smooth(after), lambda at: at, levels=1)
+        found = search(smooth(before), smooth(after), lambda at: at, levels=1)
         assert len(found.before) > 0.7 * found.expected
         off = found.after - found.before - [u, v]
         errors.append(off)
@@ -78,19 +82,19 @@ def test_patches_are_as_good_as_their_noise_lets_them(noise: float) -> None:
 
 def test_patches_against_a_wrong_expectation() -> None:
     before, after = pair(1, 6.0, -5.0)
-    near = find(smooth(before), smooth(after), lambda at: at + np.array([6.5, -4.5]), levels=0)
-    far = find(smooth(before), smooth(after), lambda at: at + np.array([-4.0, 4.0]), levels=2)
+    near = search(smooth(before), smooth(after), lambda at: at + np.array([6.5, -4.5]), levels=0)
+    far = search(smooth(before), smooth(after), lambda at: at + np.array([-4.0, 4.0]), levels=2)
     for found in (near, far):
         off = np.abs(found.after - found.before - [6.0, -5.0]).max(axis=1)
         assert np.mean(off < 0.3) > 0.9
-    lost = find(smooth(before), smooth(after[::-1, ::-1].copy()), lambda at: at, levels=0)
+    lost = search(smooth(before), smooth(after[::-1, ::-1].copy()), lambda at: at, levels=0)
     assert len(lost.before) < 0.3 * lost.expected
 
 
 def test_exposure_and_gain_may_change() -> None:
     before, after = pair(0, 1.4, 0.6)
     darker = (after * 0.7 + 12).astype(np.uint8)
-    found = find(smooth(before), smooth(darker), lambda at: at, levels=0)
+    found = search(smooth(before), smooth(darker), lambda at: at, levels=0)
     assert np.abs(np.median(found.after - found.before, axis=0) - [1.4, 0.6]).max() < 0.03
 
 
@@ -98,7 +102,7 @@ def test_the_pattern_of_a_colour_sensor_does_not_hold_pictures_back() -> None:
     """The AI-deck's camera has coloured filters over its pixels, two by two, that do not move with the scene."""
     gain = np.tile([[1.0, 0.75], [0.7, 0.5]], (122, 162))
     before, after = ((each * gain).astype(np.uint8) for each in pair(0, 2.5, -1.5))
-    found = find(smooth(before), smooth(after), lambda at: at, levels=1)
+    found = search(smooth(before), smooth(after), lambda at: at, levels=1)
     assert np.abs(np.median(found.after - found.before, axis=0) - [2.5, -1.5]).max() < 0.02
     moved, sure = tile_shift(before, after)
     assert np.abs(moved[sure > SURE] - [2.5, -1.5]).max() < 0.35
@@ -108,7 +112,7 @@ def test_the_pattern_of_a_colour_sensor_does_not_hold_pictures_back() -> None:
 def test_flat_pictures_have_no_texture() -> None:
     rng = np.random.default_rng(1)
     before, after = np.clip(rng.normal(100, 2, (2, 122, 162)), 0, 255).astype(np.uint8)
-    found = find(smooth(before), smooth(after), lambda at: at, levels=0)
+    found = search(smooth(before), smooth(after), lambda at: at, levels=0)
     assert found.textured < 0.1 * found.expected
 
 
@@ -132,7 +136,7 @@ def test_patches_against_opencv() -> None:
         rng = np.random.default_rng(10 + seed)
         u, v = rng.uniform(-4, 4, 2)
         before, after = pair(seed, u, v)
-        found = find(smooth(before), smooth(after), lambda at: at, levels=1)
+        found = search(smooth(before), smooth(after), lambda at: at, levels=1)
         middle = np.array([(324 - 1) / 2, (244 - 1) / 2])
         points = (found.before + middle).astype(np.float32)[:, None]
         settings = {"winSize": (19, 19), "maxLevel": 2, "criteria": (3, 30, 0.001)}
@@ -155,7 +159,7 @@ def test_real_frames_have_texture_enough(name: str) -> None:
     with Image.open(path) as image:
         world = np.asarray(image).astype(np.float64)
     before, after = pair(1, 2.3, -1.6, world=world)
-    found = find(smooth(before), smooth(after), lambda at: at, levels=1)
+    found = search(smooth(before), smooth(after), lambda at: at, levels=1)
     assert len(found.before) > 0.4 * found.expected
     off = found.after - found.before - [2.3, -1.6]
     assert np.median(np.abs(off)) < 0.1

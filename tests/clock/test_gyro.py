@@ -1,5 +1,6 @@
 """One robot's clock against another's by their gyros, on simulated teeterboards whose truth is known."""
 
+import functools
 import json
 import os
 from pathlib import Path
@@ -12,12 +13,15 @@ from host.cli import main
 from host.clock.gyro import Gyro, Refused, Shift, compare
 from host.clock.gyro_signal import Samples, prediction
 from host.usd.decode import decode
-from sim.teeterboard import Board, Teetered, bound_us, noise_dps, teeter
+from sim import teeterboard
+from sim.teeterboard import Board, Teetered, bound_us, noise_dps
 
 DATA = os.environ.get("SPINDECK_DATA", str(Path(__file__).resolve().parents[3] / "shared/data"))
 REAL = Path(DATA) / "usd/flights"
 """Logs of real robots, which are not part of the project."""
 SHORT = {"seconds": 14.0, "impacts": 8}
+teeter = functools.cache(teeterboard.teeter)
+"""Several tests look at the same boards."""
 
 
 def gyro(data: bytes) -> Gyro:
@@ -56,7 +60,7 @@ def test_as_sharp_as_the_noise_allows(white_dps: float) -> None:
 
 def test_the_stated_sigma_is_true() -> None:
     """One that is 1.5 times too small, or too large, fails: 24 draws of noise on one board."""
-    made = teeter(Board(seed=5, density_dps_rthz=0.0, white_dps=0.0, **SHORT))
+    made = teeter(Board(seed=1, density_dps_rthz=0.0, **SHORT))
     first, second = map(gyro, made.logs)
     random, away, slope = np.random.default_rng(5), [], []
     for _ in range(24):
@@ -178,7 +182,7 @@ def test_clocks_that_warm_up_bend_and_the_sigmas_know() -> None:
 
 
 def test_a_hole_in_the_rows_is_left_out() -> None:
-    made = teeter(Board(seed=4, **SHORT))
+    made = teeter(Board(seed=3, **SHORT))
     first, second = map(gyro, made.logs)
     keep = np.ones(len(second.time_us), np.bool_)
     keep[5000:5300] = keep[9000:9001] = False
