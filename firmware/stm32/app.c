@@ -186,14 +186,20 @@ int stm32_receive(stm32_t *self, stm32_port_t port, bytes_t in, instant_t now) {
     return (int)in.size;
 }
 
+/// Since the last message; a wrap of a clock of 32 or 48 bits is none, when as much has passed of uptime.
+static bool was_set_back(const stm32_t *self, instant_t now) {
+    const uint64_t back_us = self->stamp_last.stamp_us - now.stamp_us;
+    const uint64_t most_us = 2 * (now.up_us - self->stamp_last.up_us) + STAMP_PERIOD_US;
+    return now.stamp_us < self->stamp_last.stamp_us && ((uint64_t)1 << 32) - back_us > most_us &&
+           ((uint64_t)1 << 48) - back_us > most_us;
+}
+
 static void begin_stamp(stm32_t *self, instant_t now) {
     const uint64_t period_us = stamp_period_us(self);
     self->stamps_late += (uint32_t)((now.up_us - self->stamp_next_us) / period_us);
     self->stamp_next_us = next_on_grid(self->stamp_next_us, period_us, now.up_us);
-    if (now.stamp_us < self->stamp_last_us) {
-        self->epoch++;
-    }
-    self->stamp_last_us = now.stamp_us;
+    self->epoch = (uint8_t)(self->epoch + was_set_back(self, now));
+    self->stamp_last = now;
     self->stamp_size = stm32_message(self, now);
     self->stamp_echoes = false;
     self->stamp_sequence++;

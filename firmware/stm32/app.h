@@ -78,7 +78,7 @@ typedef struct {
     bool stamp_echoes;  ///< the one under way is an answer
     stm32_echo_t echo;
     uint64_t stamp_next_us; ///< uptime
-    uint64_t stamp_last_us; ///< stamp clock of the last message: going backwards starts a new epoch
+    instant_t stamp_last;   ///< of the last message: a stamp clock that went back starts a new epoch
     uint32_t stamp_sequence;
     uint8_t epoch;
     bool uart2_busy;   ///< a byte is on its way

@@ -68,6 +68,15 @@ def test_periods_that_passed_are_counted_and_not_made_up_for() -> None:
     assert next_stamp(app, 50_000, 50_000) == stamp(2, 50_000)
 
 
+@pytest.mark.parametrize("bits", [32, 48])
+def test_a_stamp_clock_of_few_bits_that_wraps_starts_none(bits: int) -> None:
+    app = App("stm32")
+    next_stamp(app, 0, 2**bits - 9_000)
+    assert next_stamp(app, 10_000, 882) == stamp(1, 882), "84/85, and back by all of its range"
+    assert next_stamp(app, 20_000, 2**bits - 40_000) == stamp(2, 2**bits - 40_000)
+    assert next_stamp(app, 30_000, 5) == stamp(3, 5, 1), "40 ms in 10 is no wrap"
+
+
 def test_a_stamp_clock_that_goes_backwards_starts_an_epoch_and_moves_no_deadline() -> None:
     app = App("stm32")
     assert next_stamp(app, 0, 1_000_000) == stamp(0, 1_000_000, 0)

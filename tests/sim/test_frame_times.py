@@ -74,6 +74,7 @@ FAULT_FREE: dict[str, tuple[str, dict[str, Any]]] = {
     "interrupts never late": ("hover", SMALL | {"camera_jitter_us": 0}),
     "bursts of three": ("hover", SMALL | {"camera_burst": 3}),
     "ticks of 1 ms": ("hover", SMALL | {"gap8_quantum": "1ms"}),
+    "an STM32 clock that wraps": ("hover", SMALL | {"stm32_stamp_bits": 32, "stm32_stamp_start_us": 2**32 - 7_000_000}),
     "a GAP8 clock that wraps": ("hover", SMALL | {"gap8_stamp_bits": 32, "gap8_stamp_start_us": 2**32 - 7_000_000}),
 }
 
@@ -127,6 +128,12 @@ def silent(seconds: float) -> Callable[[Receiver], None]:
     return act
 
 
+def starved(robot: Receiver) -> None:
+    for _ in range(8):
+        robot.stall("uart1", 0.04)
+        robot.run(1)
+
+
 @dataclass(frozen=True)
 class Fault:
     act: Callable[[Receiver], None]
@@ -157,6 +164,8 @@ FAULTS = {
     "eight lines more of exposure": Fault(exposes(108)),
     "a line less of exposure": Fault(exposes(99)),
     "the host connects anew": Fault(connect_anew),
+    "messages 40 ms late each second": Fault(starved),
+    "delays of 2 ms": Fault(lambda robot: robot.set_faults("uart1", jitter_us=2000)),
     "bursts of loss": Fault(lambda robot: robot.set_faults("uart1", burst_per_s=0.5, burst_ms=1000)),
 }
 
