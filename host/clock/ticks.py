@@ -30,6 +30,8 @@ JUMP_US = 20_000.0
 """More than delays scatter."""
 DRIFT = 0.003
 """How much the rate may change while nothing is heard."""
+RATE_MAX = 0.1
+"""Between two messages; more is their delay."""
 RETURN_US = 3e6
 """What is late for less than this was the messages' delay, not the clock."""
 AGREED = 6
@@ -169,13 +171,18 @@ def split(
     stm32_us: Ints, gap8_us: Ints, part: Ints, why: str, dropped: dict[str, int], coarse_us: float
 ) -> list[Epoch]:
     """Epochs of messages between which nobody says that a clock began anew."""
+    held = held_up(stm32_us[part], gap8_us[part])
+    count(dropped, "late", int(held.sum()))
+    part = part[~held]
     if len(part) < AGREED:
         count(dropped, "too few to agree", len(part))
         return []
     gap8 = gap8_us[part].astype(np.float64)
     offset = (gap8_us[part] - stm32_us[part]).astype(np.float64)
     apart = np.maximum(np.diff(gap8), 1.0)
-    rate = float(np.median(np.diff(offset) / apart))
+    rates = np.diff(offset) / apart
+    rates = rates[np.abs(rates) < RATE_MAX]
+    rate = float(np.median(rates)) if len(rates) else 0.0
     level = offset - rate * (gap8 - gap8[0])
     jump = np.abs(np.diff(level)) > JUMP_US + DRIFT * apart
     begin = np.concatenate(([0], np.flatnonzero(jump) + 1))
@@ -187,6 +194,17 @@ def split(
             for piece, reason in stepped(level[pieces], gap8[pieces], because, coarse_us)
         ]
     return found
+
+
+def held_up(stm32_us: Ints, gap8_us: Ints) -> NDArray[np.bool_]:
+    """Messages that came at once with others, which tell that they are late by more than delays scatter."""
+    if len(stm32_us) < 2:
+        return np.zeros(len(stm32_us), np.bool_)
+    at_once = np.diff(gap8_us) < np.median(np.diff(stm32_us)) / 2
+    begin = np.concatenate(([0], np.flatnonzero(~at_once) + 1))
+    offset = gap8_us - stm32_us
+    least = np.minimum.reduceat(offset, begin)
+    return np.asarray(offset - np.repeat(least, np.diff(begin, append=len(offset))) > JUMP_US)
 
 
 def joined(

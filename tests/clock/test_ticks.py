@@ -41,6 +41,23 @@ def reset_twice(made: Run) -> Run:
     return models.stm32_leap(once, AT + 1, -int(once.stm32_us[AT + 1]))
 
 
+def stalled(made: Run) -> Run:
+    """The wire stands still once a second, for a second on average, and then all that was held comes at once."""
+    random = np.random.default_rng(len(made.stm32_us))
+    gap8_us = made.gap8_us.copy()
+    at = float(gap8_us[0])
+    while at < gap8_us[-1] - 5e6:
+        at += random.exponential(1e6)
+        until = at + random.exponential(1e6)
+        gap8_us[(made.gap8_us > at) & (made.gap8_us < until)] = int(until)
+        at = until
+    return replace(made, gap8_us=gap8_us, come_us=made.come_us + (gap8_us - made.gap8_us))
+
+
+def swapped_and_stalled(made: Run) -> Run:
+    return models.swapped(stalled(made), 0.05, 1)
+
+
 FAULTS = {
     # name: (the fault, epochs, frames refused at most, messages dropped and why)
     "wrap of the STM32's": (wrapped_stm32, 1, 0, {}),
@@ -54,7 +71,9 @@ FAULTS = {
     "leap -3 ms": (lambda made: models.stm32_leap(made, AT, -3_000), 2, 2, {}),
     "lost for 3 s": (lambda made: models.silence(made, AT, 3), 1, 0, {}),
     "lost for 15 s": (lambda made: models.silence(made, AT, 15), 1, 0, {}),
-    "backlog": (lambda made: models.backlog(made, AT, 0.5), 1, 0, {}),
+    "backlog": (lambda made: models.backlog(made, AT, 0.5), 1, 0, {"late": 54}),
+    "half of it backlogs": (stalled, 1, 0, {"late": 2259}),
+    "half of it backlogs, swapped": (swapped_and_stalled, 1, 0, {"late": 2049, "out of order": 572}),
     "duplicates": (lambda made: models.duplicates(made, 0.2, 1), 1, 0, {"repeated": 1203}),
     "swapped": (lambda made: models.swapped(made, 0.05, 1), 1, 0, {"out of order": 572}),
     "stuck": (lambda made: models.stuck(made, AT, 2), 1, 0, {"the STM32's clock stood still": 197}),
