@@ -151,7 +151,7 @@ clock_reading_t clock_track_frame(clock_track_t *self, uint64_t gap8_us, bool re
     }
     const frames_line_t line = lower_line(self);
     if (is_coarse(self)) {
-        return (clock_reading_t){coarse_shift(self, &line, (uint32_t)gap8_us, after), alone.spread_q8};
+        return (clock_reading_t){coarse_shift(self, &line, (uint32_t)gap8_us, after), alone.spread_q8 / 2};
     }
     const uint32_t count = self->frames_fill;
     const uint32_t half = tick / 2;

@@ -112,6 +112,40 @@ def block_minima(time_s: Floats, delay_us: Floats, length_s: float, phase: Float
     return Blocks(time_s[first], least, count.astype(np.float64), phased)
 
 
+COARSE_US = 100.0
+"""In longer ticks the edge is not seen: the mean is, if delays spread the messages over them."""
+LATE_MEANS = 8.0
+"""Few messages this late are left out of means."""
+MU_COARSE_PAIRS = 4096
+UNEVEN = 0.1
+"""What delays do not even out, in ticks."""
+
+
+def block_means(time_s: Floats, delay_us: Floats, length_s: float, phase: Floats) -> Blocks:
+    """As block_minima, of coarse ticks."""
+    number = np.floor(time_s / length_s)
+    begin = np.flatnonzero(np.concatenate(([True], number[1:] != number[:-1])))
+    count = np.diff(np.append(begin, len(time_s)))
+    when, value = (np.add.reduceat(each, begin) / count for each in (time_s, delay_us))
+    phased = np.abs(np.add.reduceat(np.exp(2j * np.pi * phase), begin)) / count
+    return Blocks(when, value, count.astype(np.float64), phased)
+
+
+def mean_noise(blocks: Blocks, mu_us: Floats, tick_us: float) -> Floats:
+    """Scatter of the mean of each block's readings."""
+    uneven = tick_us * np.hypot(UNEVEN, blocks.phased / math.sqrt(12))
+    return np.hypot(np.sqrt((mu_us**2 + tick_us**2 / 12) / blocks.count), uneven)
+
+
+def spread_delay(time_s: Floats, delay_us: Floats, tick_us: float) -> tuple[Floats, Floats]:
+    """As mean_delay, of coarse ticks: their share of the scatter is known."""
+    chunk = min(MU_COARSE_PAIRS, len(delay_us))
+    whole = len(delay_us) // chunk * chunk
+    variance = delay_us[:whole].reshape(-1, chunk).var(axis=1)
+    mu = np.sqrt(np.maximum(variance - tick_us**2 / 12, 0))
+    return time_s[:whole].reshape(-1, chunk).mean(axis=1), np.maximum(mu, 1.0)
+
+
 def mean_delay(time_s: Floats, delay_us: Floats, tick_us: float) -> tuple[Floats, Floats]:
     """(when, mu) along the run, from delays over the edge."""
     chunk = min(MU_PAIRS, len(delay_us))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .envelope import FINE_US
+from .envelope import COARSE_US, FINE_US
 from .smoother import BLOCK_PAIRS, smooth
 from .ticks import Floats, Ints
 
@@ -29,9 +29,7 @@ LINE_BOUND = 14.0
 STRAY = 9
 """Readings whose median is taken: fewer than half of them may have begun late."""
 ALONE = 0.9
-"""Share of a stretch's frames of which the robot says that it knows no more than from one reading, ..."""
-COARSE_US = 100.0
-"""... which with longer ticks it says of every frame."""
+"""Share of a stretch's frames of which the robot says that it knows no more than from one reading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,19 +68,24 @@ def frame_ends(gap8_us: Ints, boot: Ints, readings: Readings, tick_us: float) ->
     """`gap8_us` unwrapped, in whole ticks of `tick_us`; `boot`: how often the GAP8 had started anew."""
     ends = as_read(gap8_us, tick_us)
     told_us = readings.latency_us[~np.isnan(readings.latency_us)]
-    if not told_us.any():
+    most_us = float(told_us.max(initial=0))
+    # Who tells of no lateness has but its ticks to lose at a pace.
+    if not len(told_us) or (most_us == 0 and tick_us <= COARSE_US):
         return ends
-    most_us = float(told_us.max())
     ends.bound_us[:] += most_us
     late: list[Floats] = []
     worst_us = most_us + tick_us
     for mine in stretches(gap8_us, boot, readings, worst_us):
         told_us = readings.latency_us[mine]
         told_us = told_us[~np.isnan(told_us)]
-        if not len(told_us) or (tick_us < COARSE_US and (told_us >= most_us).mean() > ALONE):
+        if not len(told_us) or (most_us > 0 and (told_us >= most_us).mean() > ALONE):
             continue
-        found = pace if len(mine) >= 2 * BLOCK_PAIRS else line
-        end_us, bound_us, off = found(ends.gap8_us[mine], readings.number[mine], tick_us)
+        if len(mine) >= 2 * BLOCK_PAIRS:
+            end_us, bound_us, off = pace(ends.gap8_us[mine], readings.number[mine], tick_us, most_us / LATEST)
+        elif tick_us > COARSE_US:
+            continue  # few readings have no edge in such ticks, and no mean
+        else:
+            end_us, bound_us, off = line(ends.gap8_us[mine], readings.number[mine], tick_us)
         late_us = ends.gap8_us[mine] - end_us
         if late_us[~off].mean() > worst_us / 2:
             continue  # they are of no one pace: readings are not so late
@@ -91,8 +94,8 @@ def frame_ends(gap8_us: Ints, boot: Ints, readings: Readings, tick_us: float) ->
         late.append(late_us[~off])
         on = mine[~off]
         ends.gap8_us[on], ends.bound_us[on], ends.paced[on] = end_us[~off], bound_us[~off], True
-    mean_us = float(np.concatenate(late).mean()) if late else None
-    return Ends(ends.gap8_us, ends.bound_us, ends.paced, True, mean_us)
+    mean_us = float(np.concatenate(late).mean()) if late and most_us > 0 else None
+    return Ends(ends.gap8_us, ends.bound_us, ends.paced, most_us > 0, mean_us)
 
 
 def stretches(gap8_us: Ints, boot: Ints, readings: Readings, most_us: float) -> list[Ints]:
@@ -150,14 +153,14 @@ def line(read_us: Floats, number: Ints, tick_us: float) -> tuple[Floats, Floats,
     return end_us, bound_us, read_us - end_us > 2 * (LATEST * late_us + tick_us) + bound_us
 
 
-def pace(read_us: Floats, number: Ints, tick_us: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def pace(read_us: Floats, number: Ints, tick_us: float, late_us: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Ends of frames, their bounds, and which of the readings are too late for chance: these frames began late."""
     count = number - number[0]
     period_us = float((read_us[-1] - read_us[0]) / count[-1])
     due_s: Floats = period_us * 1e-6 * count
     base_us = read_us[0]
     read_s = (read_us - base_us) * 1e-6
-    made = smooth(read_s, (read_s - due_s) * 1e6, tick_us)
+    made = smooth(read_s, (read_s - due_s) * 1e6, tick_us, coarse_mu_us=late_us)
     end_us = base_us + due_s * 1e6 + made.track.at(due_s)
     bound_us = np.interp(due_s, made.track.time_s, made.bound_us) + min(tick_us, FINE_US) / 2
     most_us = 2 * (LATEST * float(made.mu_us.max()) + tick_us) + bound_us

@@ -14,7 +14,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .envelope import FINE_US, Blocks, Floats, Track, block_minima, edge, mean_delay, track
+from .envelope import (
+    COARSE_US,
+    FINE_US,
+    LATE_MEANS,
+    Blocks,
+    Floats,
+    Track,
+    block_means,
+    block_minima,
+    edge,
+    mean_delay,
+    mean_noise,
+    spread_delay,
+    track,
+)
 
 BLOCK_PAIRS = 25
 """In the shortest blocks."""
@@ -67,9 +81,16 @@ class Smoothed:
     """Messages that are not impossibly early."""
 
 
-def smooth(time_s: Floats, offset_us: Floats, tick_us: float, block_s_max: float = math.inf) -> Smoothed:
+def smooth(
+    time_s: Floats,
+    offset_us: Floats,
+    tick_us: float,
+    block_s_max: float = math.inf,
+    coarse_mu_us: float | None = None,
+) -> Smoothed:
     """`offset_us`: arrival less sending of each message, `time_s` not decreasing. At least BLOCK_PAIRS of them.
-    `block_s_max`: longer blocks are not tried, however steady the clock seems; the shortest always are."""
+    `block_s_max`: longer blocks are not tried, however steady the clock seems; the shortest always are.
+    `coarse_mu_us`: the mean delay, where it is known and small against a coarse tick."""
     kept = np.arange(len(time_s))
     curve = seed(time_s, offset_us)
     delay_us = offset_us - curve.at(time_s)
@@ -78,14 +99,21 @@ def smooth(time_s: Floats, offset_us: Floats, tick_us: float, block_s_max: float
     kept = kept[~early]
     block_s = BLOCK_PAIRS * float(time_s[-1] - time_s[0]) / max(len(time_s) - 1, 1)
     block_s = max(block_s, BLOCK_PAIRS * float(np.median(np.diff(time_s[:: max(1, len(time_s) // 100_000)]))), 1e-3)
-    time_s, offset_us = time_s[kept], offset_us[kept]
+    used = kept
+    if tick_us > COARSE_US:
+        used = kept[delay_us[kept] < LATE_MEANS * max(spread, tick_us / 2) + tick_us]
+    time_s, offset_us = time_s[used], offset_us[used]
     phase = ticks_phase(time_s, offset_us, curve, tick_us)
     # Twice at the finest, for the seed runs through the middle of the delays, not along their edge.
     delay_us = offset_us - curve.at(time_s)
-    blocks = block_minima(time_s, delay_us, block_s, phase)
+    blocks = gathered(time_s, delay_us, block_s, phase, tick_us)
     curve = through(curve, blocks, edge_noise(blocks, np.full(len(blocks.count), spread), tick_us), block_s)
     delay_us = offset_us - curve.at(time_s)
-    mu_time_s, mu_us = mean_delay(time_s, delay_us, tick_us)
+    if tick_us > COARSE_US:
+        mu_time_s, mu_us = spread_delay(time_s, delay_us, tick_us)
+        mu_us = mu_us if coarse_mu_us is None else np.full(len(mu_us), coarse_mu_us)
+    else:
+        mu_time_s, mu_us = mean_delay(time_s, delay_us, tick_us)
 
     grid = curve.time_s
     chosen: Track = curve
@@ -101,7 +129,7 @@ def smooth(time_s: Floats, offset_us: Floats, tick_us: float, block_s_max: float
         if level and (length_s > min((time_s[-1] - time_s[0]) / 6, block_s_max) or not valid.any()):
             break
         delay_us = offset_us - chosen.at(time_s)
-        blocks = block_minima(time_s, delay_us, length_s, phase)
+        blocks = gathered(time_s, delay_us, length_s, phase, tick_us)
         mu = np.interp(blocks.time_s, mu_time_s, mu_us)
         made = through(chosen, blocks, edge_noise(blocks, mu, tick_us), length_s)
         value, rate, scatter = made.at(grid), slope(made, grid), made.sigma_at(grid)
@@ -152,7 +180,9 @@ def seed(time_s: Floats, offset_us: Floats) -> Track:
 
 
 def edge_noise(blocks: Blocks, mu_us: Floats, tick_us: float) -> tuple[Floats, Floats]:
-    """Mean and scatter of the blocks' least delays."""
+    """Mean and scatter of the blocks' least delays, or of their means."""
+    if tick_us > COARSE_US:
+        return mu_us, mean_noise(blocks, mu_us, tick_us)
     bias, sigma = edge(mu_us, blocks.count, tick_us)
     return bias * (1 - blocks.phased), np.hypot(sigma, blocks.phased * tick_us / math.sqrt(12))
 
@@ -181,6 +211,12 @@ def robust(time_s: Floats, value_us: Floats, sigma_us: Floats, wander: float) ->
         return first
     sigma = np.where(far, sigma_us + np.abs(value_us - first.offset_us), sigma_us)
     return track(time_s, value_us, sigma, wander)
+
+
+def gathered(time_s: Floats, delay_us: Floats, length_s: float, phase: Floats | None, tick_us: float) -> Blocks:
+    if phase is not None and tick_us > COARSE_US:
+        return block_means(time_s, delay_us, length_s, phase)
+    return block_minima(time_s, delay_us, length_s, phase)
 
 
 def ticks_phase(time_s: Floats, offset_us: Floats, curve: Track, tick_us: float) -> Floats | None:

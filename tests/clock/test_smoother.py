@@ -1,6 +1,7 @@
 """Times of frames from all messages of a recording, against the truth. SPINDECK_CLOCK_SEEDS=20 tries more seeds."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,14 +9,15 @@ from models import OSCILLATORS, RTC_US, Link, Run, run
 
 from host.clock.allan import allan_deviation
 from host.clock.envelope import block_minima, edge, track
+from host.clock.frame_ends import Readings
 from host.clock.stamps import Stamped, stamp
 
 SEEDS = range(int(os.environ.get("SPINDECK_CLOCK_SEEDS", "2")))
 
 
-def stamped(made: Run) -> Stamped:
+def stamped(made: Run, readings: Readings | None = None) -> Stamped:
     stm32, gap8, frames = (each.astype(np.uint64) for each in (made.stm32_us, made.gap8_us, made.frame_gap8_us))
-    return stamp(stm32, gap8, frames, made.frame_after)
+    return stamp(stm32, gap8, frames, made.frame_after, readings=readings)
 
 
 def judged(link: Link) -> tuple[np.ndarray, np.ndarray]:
@@ -56,7 +58,7 @@ def test_every_oscillator(oscillator: str) -> None:
         (Link("presc85", lambda at_s: 50 + 1950 * at_s / 300), 12),
         (Link("typ", 500.0, gap8_tick_us=RTC_US), 20),
         (Link("presc85", 500.0, gap8_tick_us=1000.0), 500),
-        (Link("typ", 500.0, gap8_tick_us=1000.0), 800),
+        (Link("typ", 500.0, gap8_tick_us=1000.0), 500),
     ],
     ids=["short-loss", "long-loss", "heavy-tail", "rising", "rtc", "1ms", "1ms-undithered"],
 )
@@ -64,6 +66,29 @@ def test_bad_links_and_coarse_clocks(link: Link, p95_us: float) -> None:
     error, bound = judged(link)
     assert np.quantile(np.abs(error), 0.95) <= p95_us
     assert (np.abs(error) <= bound).mean() >= 0.98
+
+
+@pytest.mark.parametrize(
+    ("link", "p95_us"),
+    [
+        (Link("presc85", 500.0), 40),
+        (Link("typ", 500.0), 60),
+        (Link("typ", 2000.0), 100),
+        (Link("typ", 500.0, late=0.02), 100),
+        (Link("typ", 500.0, latency_us=50), 60),
+        (Link("rcbad", 500.0), 120),
+    ],
+)
+def test_frames_of_one_pace_in_ticks_of_1_ms(link: Link, p95_us: float) -> None:
+    for seed in SEEDS:
+        made = run(replace(link, gap8_tick_us=1000.0), seed)
+        count = len(made.frame_gap8_us)
+        # As the robot tells it: of the first frames all of the latency, of later ones less.
+        told = np.where(np.arange(count) < 40, 5 * link.latency_us, 2.5 * link.latency_us)
+        got = stamped(made, Readings(np.arange(count), np.zeros(count, np.int64), told))
+        error = np.abs(got.stm32_us - made.frame_true_us)
+        assert np.quantile(error, 0.95) <= p95_us, f"seed {seed}"
+        assert (error <= got.bound_us).mean() >= 0.985, f"seed {seed}"
 
 
 @pytest.mark.parametrize(
