@@ -183,8 +183,8 @@ def test_it_is_forgotten_with_its_epoch_and_without_stamps() -> None:
     assert told(app) == (0, 0, 0)
     app = settled()
     echo(app, 1000)
-    assert told(app, BEGIN_US + 9_990_000)[2] == 1
-    assert told(app, BEGIN_US + 10_010_000)[2] == 0
+    assert told(app, BEGIN_US + 19_990_000)[2] == 1
+    assert told(app, BEGIN_US + 20_010_000)[2] == 0
 
 
 def test_answers_to_other_questions_and_second_ones_mean_nothing() -> None:
