@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from host.firmware import build, members
-from host.firmware.elf import loads, opened
+from host.firmware.elf import loads, opened, source_name
 from host.native import ffi, lib
 from host.protocol.errors import LocalError
 
@@ -94,7 +94,7 @@ def _image(path: Path, elf: Any) -> Image:
         raise LocalError(f"{path} has no symbols: build it without -s, and do not strip it")
     thumb = machine == "EM_ARM"
     symbols = {
-        symbol.name: (
+        source_name(symbol.name): (
             symbol["st_value"] & ~1 if thumb and kind == "STT_FUNC" else symbol["st_value"],
             symbol["st_size"],
         )

@@ -30,7 +30,12 @@ void *memmove(void *to, const void *from, size_t size) {
     uint8_t *out = to;
     const uint8_t *in = from;
     if ((uintptr_t)to <= (uintptr_t)from) {
-        for (size_t i = 0; i < size; i++) {
+        size_t i = 0;
+        for (const size_t end = words((uintptr_t)to | (uintptr_t)from, size); i < end; i++) {
+            ((word_t *)to)[i] = ((const word_t *)from)[i];
+            NOT_A_CALL();
+        }
+        for (i *= sizeof(word_t); i < size; i++) {
             out[i] = in[i];
             NOT_A_CALL();
         }

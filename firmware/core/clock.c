@@ -12,7 +12,22 @@ enum {
     QUEUED_US = 3000,     ///< a message this close behind another waited for it
 };
 
+/// Without branches, as most are of a few digits, and there are many.
+static uint32_t root_32(uint32_t square) {
+    uint32_t result = 0;
+    for (uint32_t bit = (uint32_t)1 << 30; bit != 0; bit >>= 2) {
+        const uint32_t least = result + bit;
+        const uint32_t is_in = 0U - (square >= least);
+        square -= least & is_in;
+        result = (result >> 1) + (bit & is_in);
+    }
+    return result;
+}
+
 uint32_t clock_root(uint64_t square) {
+    if (square <= UINT32_MAX) {
+        return root_32((uint32_t)square);
+    }
     uint64_t result = 0;
     for (uint64_t bit = (uint64_t)1 << 62; bit != 0; bit >>= 2) {
         if (square >= result + bit) {
@@ -84,34 +99,57 @@ static void close_block(clock_track_t *self, int32_t gap8_us) {
     self->young = self->young && passed(self->begin_gap8_us, self->last_gap8_us) < CLOCK_YOUNG_US;
 }
 
-/// The newest messages, none of them queued behind another: so many in a row so late are no chance. Nor is
-/// their sum, of which one alone may be far too late.
+/// a - b, or 0; without a branch, for each message has 32 of them.
+static uint32_t over(uint32_t a, uint32_t b) {
+    return (a - b) & (0U - (a > b));
+}
+
+static uint32_t recent_late_q8(const clock_track_t *self, uint32_t back, uint32_t ticks_q8) {
+    return over(self->recent_q8[(self->recent_head + CLOCK_RECENT - back) % CLOCK_RECENT], ticks_q8);
+}
+
+/// By how much so many of the newest messages in a row are late that it is no chance. The least of more is no
+/// later: when it is too little for all of them, it stays so.
+static uint32_t recent_least_q8(const clock_track_t *self, uint32_t ticks_q8) {
+    const uint64_t doubt_q8 = (uint64_t)self->mean_q8 * DOUBT;
+    uint32_t least_q8 = UINT32_MAX;
+    for (uint32_t i = 0; i < self->recent_fill && (uint64_t)least_q8 * self->recent_fill > doubt_q8; i++) {
+        const uint32_t late_q8 = recent_late_q8(self, i, ticks_q8);
+        least_q8 = late_q8 < least_q8 ? late_q8 : least_q8;
+        if (i > 0 && (uint64_t)least_q8 * (i + 1) > doubt_q8) {
+            return least_q8;
+        }
+    }
+    return 0;
+}
+
+/// By how much the sum of so many is, of which one alone may be far too late.
+static uint64_t recent_sum_q8(const clock_track_t *self, uint32_t ticks_q8) {
+    const uint32_t most_q8 = self->mean_q8 * RECENT_MOST;
+    uint64_t far_q8 = 0;
+    uint64_t sum_q8 = 0;
+    uint32_t i = 0;
+    for (uint32_t bits = 2; (uint32_t)1 << bits <= self->recent_fill; bits++) {
+        const uint32_t count = (uint32_t)1 << bits;
+        for (; i < count; i++) {
+            const uint32_t late_q8 = recent_late_q8(self, i, ticks_q8);
+            sum_q8 += late_q8 - over(late_q8, most_q8);
+        }
+        const uint64_t each_q8 = 2 * clock_late_by_no_chance(self, sum_q8, count, RECENT) >> bits;
+        far_q8 = each_q8 > far_q8 ? each_q8 : far_q8;
+    }
+    return far_q8;
+}
+
+/// The newest messages, but none that was queued behind another.
 static void remember(clock_track_t *self, int64_t above_q8) {
     self->recent_head = (uint8_t)((self->recent_head + 1) % CLOCK_RECENT);
     self->recent_q8[self->recent_head] = above_q8 < 0 ? at_most((uint64_t)-above_q8, LATE_US * Q8) : 0;
     self->recent_fill = (uint8_t)(self->recent_fill < CLOCK_RECENT ? self->recent_fill + 1 : CLOCK_RECENT);
-    self->doubt_recent_us = 0;
     const uint32_t ticks_q8 = hidden_q8(self);
-    const uint32_t most_q8 = self->mean_q8 * RECENT_MOST;
-    uint32_t least_q8 = UINT32_MAX;
-    uint64_t sum_q8 = 0;
-    for (uint8_t i = 0; i < self->recent_fill; i++) {
-        const uint32_t each_q8 = self->recent_q8[(self->recent_head + CLOCK_RECENT - i) % CLOCK_RECENT];
-        const uint32_t late_q8 = each_q8 > ticks_q8 ? each_q8 - ticks_q8 : 0;
-        least_q8 = late_q8 < least_q8 ? late_q8 : least_q8;
-        sum_q8 += late_q8 < most_q8 ? late_q8 : most_q8;
-        const uint32_t count = i + 1U;
-        uint64_t far_q8 = 0;
-        if (count > 1 && (uint64_t)least_q8 * count > (uint64_t)self->mean_q8 * DOUBT) {
-            far_q8 = least_q8;
-        }
-        if ((count & i) == 0 && count > 2) {
-            const uint64_t over_q8 = clock_late_by_no_chance(self, sum_q8, count, RECENT);
-            far_q8 = 2 * over_q8 / count > far_q8 ? 2 * over_q8 / count : far_q8;
-        }
-        const uint32_t far_us = at_most(far_q8 / Q8, LATE_US);
-        self->doubt_recent_us = far_us > self->doubt_recent_us ? far_us : self->doubt_recent_us;
-    }
+    const uint64_t least_q8 = recent_least_q8(self, ticks_q8);
+    const uint64_t sum_q8 = recent_sum_q8(self, ticks_q8);
+    self->doubt_recent_us = at_most((least_q8 > sum_q8 ? least_q8 : sum_q8) / Q8, LATE_US);
 }
 
 /// A message, from the anchor, and by how much it is above the line.

@@ -57,7 +57,10 @@ static void drop(uart1_rx_t *self, size_t size) {
 }
 
 bool uart1_rx_take(uart1_rx_t *self, uart1_message_t *message) {
-    while (self->fill > 0 && self->fill >= self->needs) {
+    if (self->fill < self->needs) {
+        return false;
+    }
+    while (self->fill > 0) {
         const bytes_t in = {self->rx, self->fill};
         const uint8_t kind = kind_of(in) & self->kinds;
         const int result = decode(in, kind, message);

@@ -154,19 +154,13 @@ static void receive_spi(gap8_t *self, bytes_t in, instant_t now) {
 }
 
 int gap8_receive(gap8_t *self, gap8_port_t port, bytes_t in, instant_t now) {
-    switch (port) {
-    case GAP8_PORT_UART1:
+    if (port == GAP8_PORT_UART1) {
         gap8_times_receive(self, in, now);
-        break;
-    case GAP8_PORT_SPI:
+    } else if (port == GAP8_PORT_SPI) {
         receive_spi(self, in, now);
-        break;
-    case GAP8_PORT_CAMERA:
+    } else if (port == GAP8_PORT_CAMERA) {
         gap8_captures_expire(self, now.up_us);
         gap8_captures_end(self, in, now.stamp_us);
-        break;
-    default:
-        break;
     }
     return (int)in.size;
 }

@@ -31,6 +31,8 @@ FLAGS = (
     *("-std=c11", "-O2", "-g", "-ffreestanding", "-ffp-contract=off", "-ffunction-sections", "-fdata-sections"),
     *("-Wall", "-Wextra", "-Wconversion"),
 )
+CALLED_BY_COMPILERS = "board/memory.c"
+"""Calls to these come into being with the machine code: too late for files that have become one program."""
 MESSAGE_LINES = 12
 
 
@@ -87,7 +89,7 @@ def sources_of(target: Target) -> list[Path]:
 def key(target: Target, compiler: Toolchain, defines: tuple[str, ...], sources: list[Path]) -> str:
     """Of a build: equal keys, equal bytes."""
     digest = hashlib.sha256()
-    options = (*FLAGS, *compiler.compile[1:], *compiler.link, *defines)
+    options = (*FLAGS, *compiler.compile[1:], *compiler.whole, *compiler.link, *defines)
     for part in (compiler.version, *options, esptool_version() if target.name == "esp32" else ""):
         digest.update(part.encode() + b"\0")
     for path in sources:
@@ -136,14 +138,21 @@ def make(
     maps = [f"-f{kind}-prefix-map={path}={name}" for path, name in names.items() for kind in ("file", "debug")]
     objects = {path.as_posix(): f"{path.as_posix()}.o" for path in sources if path.suffix in (".c", ".S")}
 
+    flags = (*FLAGS, *defines, *maps, "-Iboard")
+
     def compile_one(path: str) -> str:
-        return run(work, *compiler.compile, *FLAGS, *defines, *maps, "-Iboard", "-c", path, "-o", objects[path])[1]
+        whole = () if path == CALLED_BY_COMPILERS else compiler.whole
+        return run(work, *compiler.compile, *flags, *whole, "-c", path, "-o", objects[path])[1]
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         warnings = "".join(threads.map(compile_one, objects))
     script = next(path.as_posix() for path in sources if path.suffix == ".ld")
     elf = f"{target.name}.elf"
-    options = ("-nostartfiles", "-g", "-Wl,--gc-sections", "-Wl,--print-map", f"-Wl,-T,{script}", "-o", elf)
+    # Saved, what is made on the way has names that the map may tell. Each file has had its warnings; of all together
+    # gcc believes that what one function fills and another reads may not be filled.
+    made = ("-save-temps", "-Wno-maybe-uninitialized")
+    whole = (*flags, *compiler.whole, *made) if compiler.whole else ()
+    options = (*whole, "-nostartfiles", "-g", "-Wl,--gc-sections", "-Wl,--print-map", f"-Wl,-T,{script}", "-o", elf)
     printed, said = run(work, *compiler.compile, *options, *objects.values(), *compiler.link)
     shutil.move(work / elf, result / elf)
     (result / f"{target.name}.map").write_text(printed, encoding="utf-8")

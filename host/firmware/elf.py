@@ -96,12 +96,17 @@ def read(path: Path) -> Contents:
         )
 
 
+def source_name(symbol: str) -> str:
+    """Without what gcc puts behind the name of a function that it has made another one of: f.constprop.0."""
+    return symbol.partition(".")[0]
+
+
 def functions(symbols: list[Any]) -> list[Function]:
     """One name for each address, the shortest, and the largest function first."""
     found: dict[int, Function] = {}
     for symbol in symbols:
         if symbol["st_info"]["type"] == "STT_FUNC" and symbol["st_size"]:
-            this = Function(symbol.name, symbol["st_value"], symbol["st_size"])
+            this = Function(source_name(symbol.name), symbol["st_value"], symbol["st_size"])
             other = found.get(this.address, this)
             found[this.address] = min(this, other, key=lambda each: (len(each.name), each.name))
     return sorted(found.values(), key=lambda each: (-each.bytes, each.name))

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from ..protocol.errors import LocalError
 
 KIB = 1024
+# A function called once stays a function: sizes and faults are told by their names.
+WHOLE = ("-flto", "-flto-partition=one", "-fno-inline-functions-called-once")
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,8 @@ class Target:
     package: str
     """Debian's, of that compiler."""
     gcc_flags: tuple[str, ...]
+    gcc_whole: tuple[str, ...]
+    """Makes one program of all files before it makes machine code of it: most calls go."""
     zig_flags: tuple[str, ...]
     """Empty: zig has no code generator for it."""
     memories: tuple[Memory, ...]
@@ -51,6 +55,7 @@ TARGETS = {
             gcc="arm-none-eabi",
             package="gcc-arm-none-eabi",
             gcc_flags=("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"),
+            gcc_whole=WHOLE,
             zig_flags=("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4"),
             memories=(Memory("flash", 0x08000000, 1024 * KIB), Memory("RAM", 0x20000000, 128 * KIB)),
             limits=(
@@ -67,6 +72,7 @@ TARGETS = {
             package="gcc-riscv64-unknown-elf",
             # rv32imc_zicsr would name no multilib of libgcc's.
             gcc_flags=("-march=rv32imc", "-mabi=ilp32", "-misa-spec=2.2"),
+            gcc_whole=WHOLE,
             zig_flags=("-target", "riscv32-freestanding-none", "-mcpu=generic_rv32+m+c+zicsr"),
             memories=(Memory("L2", 0x1C000000, 512 * KIB), Memory("FC TCDM", 0x1B000000, 16 * KIB)),
             limits=(
@@ -84,6 +90,7 @@ TARGETS = {
             gcc="xtensa-lx106-elf",
             package="gcc-xtensa-lx106",
             gcc_flags=("-mlongcalls",),
+            gcc_whole=(),
             zig_flags=(),
             memories=(Memory("IRAM", 0x40080000, 128 * KIB), Memory("DRAM", 0x3FFB0000, 192 * KIB)),
             limits=(

@@ -33,6 +33,8 @@ class Toolchain:
     """The command and what is the target's own; also links."""
     link: tuple[str, ...]
     """At the end of a link."""
+    whole: tuple[str, ...] = ()
+    """Target.gcc_whole."""
 
 
 def find(target: Target, name: str | None = None) -> Toolchain:
@@ -41,7 +43,8 @@ def find(target: Target, name: str | None = None) -> Toolchain:
     if name not in (None, *NAMES):
         raise LocalError(f"no toolchain {name!r}: {' or '.join(NAMES)}")
     if name in (None, "gcc") and (gcc := shutil.which(f"{target.gcc}-gcc")):
-        return Toolchain("gcc", first_line(gcc, "--version"), (gcc, *target.gcc_flags), ("-nostdlib", "-lgcc"))
+        version, command = first_line(gcc, "--version"), (gcc, *target.gcc_flags)
+        return Toolchain("gcc", version, command, ("-nostdlib", "-lgcc"), target.gcc_whole)
     if name in (None, "zig") and target.zig_flags and (zig := zig_program()):
         # What these would add calls functions that are not there, or is never used. compiler-rt comes by itself.
         flags = ("-fno-sanitize=undefined", "-fno-stack-protector", *NO_UNWINDING)

@@ -89,11 +89,8 @@ bool alarm_came(uint64_t now_us);
 
 // uart.c
 void uart_init(void);
-/// The byte that has come; the next one may come.
-uint8_t uart_take(void);
-/// Where to put what is to be sent, or no room while something is on its way.
-bytes_mut_t uart_room(void);
-void uart_send(size_t size);
+/// A byte has come: the app gets it, and sends on UART1 what it then has to say.
+void uart_received(instant_t now);
 /// It has left, or at least the DMA.
 void uart_sent(void);
 

@@ -6,33 +6,25 @@ gap8_t board_app;
 volatile int board_init_result;
 volatile uint64_t board_stamp_reset;
 
+/// What the service loop is woken for: to ask SPI, because the ESP32 is ready, or all idle ports.
+enum { ASK_SPI = 1, ASK_ALL = 3 };
+
 static struct {
-    volatile bool wake;      ///< all idle ports are asked
-    volatile bool spi_asked; ///< the ESP32 is ready: SPI is asked
-    instant_t now;           ///< of the last interrupt
-    uint64_t due_us;         ///< what the app has said last
+    volatile uint8_t asked;
+    instant_t now;   ///< of the last interrupt
+    uint64_t due_us; ///< what the app has said last
 } board;
 
 static void receive(gap8_port_t port, bytes_t in) {
     gap8_receive(&board_app, port, in, board.now);
-    board.wake = true;
-}
-
-static void ask_uart(void) {
-    const bytes_mut_t room = uart_room();
-    const size_t size = room.size == 0 ? 0 : gap8_transmit(&board_app, GAP8_PORT_UART1, room, board.now);
-    if (size != 0) {
-        uart_send(size);
-    }
+    board.asked = ASK_ALL;
 }
 
 // Of 1700 bytes a second, none alone makes the app send anything but on UART1.
 static void receive_uart(void) {
-    const uint8_t byte = uart_take();
-    gap8_receive(&board_app, GAP8_PORT_UART1, (bytes_t){&byte, 1}, board.now);
-    ask_uart();
+    uart_received(board.now);
     if (board.now.up_us >= board.due_us) {
-        board.wake = true;
+        board.asked = ASK_ALL;
     }
 }
 
@@ -58,10 +50,10 @@ HANDLER void soc_event_handler(void) {
         break;
     case SOC_EVENT_SPIM1_EOT:
         spi_end();
-        board.wake = true;
+        board.asked = ASK_ALL;
         break;
     case SOC_EVENT_GPIO:
-        board.spi_asked |= spi_handshake();
+        board.asked = (uint8_t)(board.asked | (spi_handshake() ? ASK_SPI : 0));
         break;
     default:
         break;
@@ -76,7 +68,7 @@ HANDLER void camera_handler(void) {
 HANDLER void timer_handler(void) {
     board.now = clock_now();
     if (alarm_came(board.now.up_us)) {
-        board.wake = true;
+        board.asked = ASK_ALL;
     }
 }
 
@@ -113,19 +105,14 @@ static void set_alarm(void) {
     // One that has passed was served just now: it waits for the next event.
     if (!alarm_set(board.due_us > board.now.up_us ? board.due_us : NEVER_US)) {
         board.now = clock_now();
-        board.wake = true;
+        board.asked = ASK_ALL;
     }
-}
-
-static bool asleep(void) {
-    return !board.wake && !board.spi_asked;
 }
 
 /// With the instant of the last interrupt: an app's time never goes back.
 static void service(void) {
-    const bool all = board.wake;
-    board.wake = false;
-    board.spi_asked = false;
+    const bool all = board.asked == ASK_ALL;
+    board.asked = 0;
     ask_spi();
     if (all) {
         ask_camera();
@@ -144,15 +131,15 @@ int main(void) {
     board.now = clock_now();
     const gap8_config_t config = board_config.app;
     board_init_result = gap8_init(&board_app, &config, board.now);
-    board.wake = board_init_result == 0;
-    if (!board.wake) {
+    if (board_init_result == 0) {
+        board.asked = ASK_ALL;
+    } else {
         EVENT_UNIT->irq_mask = 0;
     }
     for (;;) { // interrupts are off here
-        if (!asleep()) {
+        if (board.asked != 0) {
             service();
-        }
-        if (asleep()) {
+        } else {
             __asm volatile("wfi" ::: "memory"); // a pending interrupt ends it, or keeps it from beginning
         }
         interrupts_on(); // the handlers run here

@@ -18,17 +18,21 @@ void uart_init(void) {
     udma_start(&UART->rx, &byte, sizeof byte, UDMA_EN | UDMA_CONTINUOUS);
 }
 
-uint8_t uart_take(void) {
-    return byte;
+static void ask(instant_t now) {
+    if (busy) {
+        return;
+    }
+    const size_t size = gap8_transmit(&board_app, GAP8_PORT_UART1, (bytes_mut_t){out, sizeof out}, now);
+    if (size != 0) {
+        busy = true;
+        udma_start(&UART->tx, out, size, UDMA_EN);
+    }
 }
 
-bytes_mut_t uart_room(void) {
-    return (bytes_mut_t){out, busy ? 0 : sizeof out};
-}
-
-void uart_send(size_t size) {
-    busy = true;
-    udma_start(&UART->tx, out, size, UDMA_EN);
+void uart_received(instant_t now) {
+    const uint8_t taken = byte;
+    gap8_receive(&board_app, GAP8_PORT_UART1, (bytes_t){&taken, 1}, now);
+    ask(now);
 }
 
 void uart_sent(void) {
