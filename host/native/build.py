@@ -93,7 +93,8 @@ ffibuilder.set_source(
     sources=sources(),
     include_dirs=["."],
     depends=[path.relative_to(ROOT).as_posix() for folder in SOURCE_FOLDERS for path in (ROOT / folder).glob("*.h")],
-    extra_compile_args=[*FREESTANDING, *shlex.split(os.environ.get("SPINDECK_CFLAGS", ""))],
+    # Nothing but the module's entry is called from outside: calls between the files need no table.
+    extra_compile_args=[*FREESTANDING, "-fvisibility=hidden", *shlex.split(os.environ.get("SPINDECK_CFLAGS", ""))],
     extra_link_args=["-pthread", *shlex.split(os.environ.get("SPINDECK_LDFLAGS", ""))],
 )
 

@@ -109,6 +109,15 @@ static void *run_next_ones(void *argument) {
     }
 }
 
+/// Robots to which something happens by then.
+static uint32_t busy(const kernel_t *k, int64_t end_ns) {
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < k->robot_count; i++) {
+        count += events_next_ns(&k->robots[i]->events) <= end_ns;
+    }
+    return count;
+}
+
 /// Each in one go, so that what it needs of the host's caches is loaded once, and not for each byte: the
 /// watched one first, which may end it for all. Returns when it ended.
 static int64_t run_each(kernel_t *k, int64_t end_ns, robot_t *watched, size_t bytes) {
@@ -119,7 +128,8 @@ static int64_t run_each(kernel_t *k, int64_t end_ns, robot_t *watched, size_t by
     queue_t queue = {.kernel = k, .but = watched, .end_ns = end_ns};
     pthread_t helpers[KERNEL_THREADS_MAX];
     uint32_t count = 0;
-    while (count + 1 < k->threads && count + 1 < k->robot_count &&
+    const uint32_t wanted = busy(k, end_ns);
+    while (count + 1 < k->threads && count + 1 < wanted &&
            pthread_create(&helpers[count], NULL, run_next_ones, &queue) == 0) {
         count++;
     }
