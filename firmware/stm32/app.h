@@ -118,8 +118,8 @@ int stm32_init(stm32_t *self, const stm32_config_t *config, instant_t now);
 int stm32_receive(stm32_t *self, stm32_port_t port, bytes_t in, instant_t now);
 
 /// Writes at most what the part's FIFO takes (one byte on a UART, a request on the storage) and returns how
-/// much. The caller calls it
-/// at the instant when the last byte has left: that instant is the time in a stamp message.
+/// much. The caller calls it at the instant when the last byte has left: that instant is the time in a stamp
+/// message.
 size_t stm32_transmit(stm32_t *self, stm32_port_t port, bytes_mut_t out, instant_t now);
 
 /// The uptime at which stm32_transmit wants to be called even if nothing is received, or NEVER_US. Call

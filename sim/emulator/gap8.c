@@ -82,8 +82,8 @@ static uint32_t bus_read(emulator_t *e, uint32_t address, unsigned size) {
 static void bus_write(emulator_t *e, uint32_t address, unsigned size, uint32_t value) {
     const block_t *block = block_at(address, size);
     if (block == NULL || block->write == NULL || !block->write(e, address - block->address, value)) {
-        emulator_fail(e, "its code writes %u bytes at 0x%08x, where this model has no register", size,
-                      address);
+        emulator_fail(e, "its code writes %u bytes at 0x%08x, where this model has no register to be written",
+                      size, address);
     }
 }
 
