@@ -30,8 +30,6 @@ NANOCOCKPIT = (
     "NanoCockpit frames bring the last state alone: between frames all others are lost, and as released its STM32 time"
     " is a tick of 1 ms"
 )
-WRAP_US, WRAPPED_US = 1 << 32, 1_000_000
-"""Times that are so near each other but for wraps of 32 bits are the same."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -141,12 +139,19 @@ def median(values: Any) -> float | None:
 
 def own_error(source: Source, result: Stamped) -> dict[str, float] | None:
     """Of the times that the robot gave, against those from all messages: median and worst."""
+    if not len(source.stm32):
+        return None
     away = source.own_stm32_us[result.frame] - result.stm32_us
+    # The robot's times are those that its messages count, less the wraps that these show beside the frame.
+    wraps = result.sorted.stm32_us - source.stm32.astype(np.int64)
+    after = source.frame_after[result.frame]
+    before_us, after_us = (
+        away + wraps[np.clip(beside, 0, len(wraps) - 1)].astype(np.float64) for beside in (after - 1, after)
+    )
+    away = np.where(np.abs(before_us) < np.abs(after_us), before_us, after_us)
     away = away[~np.isnan(away)]
     if not len(away):
         return None
-    wrapped = (away + WRAP_US / 2) % WRAP_US - WRAP_US / 2  # The robot's clock is read as it counts, with its wraps.
-    away = np.where(np.abs(wrapped) < WRAPPED_US, wrapped, away)
     worst = float(away[np.argmax(np.abs(away))])
     return {"median": round(float(np.median(away)), 1), "sd": round(float(away.std()), 1), "worst": round(worst, 1)}
 

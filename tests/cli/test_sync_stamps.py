@@ -11,6 +11,8 @@ from mcap.reader import make_reader
 
 import host
 from host.cli import main
+from host.cli.sync_stamps import own_error, work_out
+from host.cli.sync_stamps_read import read
 
 
 def record(tmp_path: Path, url: str, seconds: str = "12") -> str:
@@ -171,6 +173,15 @@ def test_a_wrap_is_no_error_of_the_robots(tmp_path: Path, capsys: pytest.Capture
     assert abs(own["median"]) < 100
     assert own["sd"] < 100
     assert abs(own["worst"]) < 1000
+
+
+@pytest.mark.parametrize(("keys", "wraps"), [("", 1), ("&stm32_stamp_bits=32&stm32_stamp_start_us=4291000000", 2)])
+def test_a_time_that_is_wrong_by_a_wrap_that_never_was_is_an_error(tmp_path: Path, keys: str, wraps: int) -> None:
+    source = read(record(tmp_path, f"sim://hover?pace=max&seed=7{keys}", "5"), 0)
+    source.own_stm32_us[20] += wraps * 2.0**32
+    own = own_error(source, work_out(source))
+    assert own["worst"] == pytest.approx(wraps * 2.0**32, abs=1000)
+    assert abs(own["median"]) < 100
 
 
 def test_other_firmware_says_what_cannot_be_repaired(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
