@@ -15,7 +15,7 @@ from ..protocol.errors import LocalError
 if TYPE_CHECKING:
     from .sync_stamps_read import Source
 
-HEADER = "frame_index,frame,frame_gap8_us,frame_stm32_us,bound_us,epoch,refused"
+HEADER = "frame_index,frame,frame_gap8_us,frame_stm32_us,bound_us,epoch,refused,holdover"
 ROW = "row_stm32_us"
 """One column more, where a row was asked for."""
 
@@ -49,6 +49,7 @@ def restamped(source: Source, result: Stamped) -> list[Restamped]:
                 frame_stm32_us=None if at is None else round(float(result.stm32_us[at]), 1),
                 bound_us=None if at is None else round(float(result.bound_us[at]), 1),
                 epoch=None if at is None else int(result.epoch[at]),
+                holdover=None if at is None else bool(result.held_over[at]),
                 refused=result.refused[place] if at is None else None,
                 row_stm32_us=None if at is None or np.isnan(row_us[at]) else round(float(row_us[at]), 1),
             )
@@ -64,8 +65,8 @@ def write(recording: str, name: str, out: IO[bytes], times: Mapping[int, Sequenc
     out.write(f"{HEADER}{',' + ROW if with_row else ''}\n".encode())
     for frame in (frame for frames in times.values() for frame in frames):
         if frame.refused is None:
-            told = f"{frame.frame_stm32_us},{frame.bound_us},{frame.epoch},"
+            told = f"{frame.frame_stm32_us},{frame.bound_us},{frame.epoch},,{frame.holdover:d}"
         else:
-            told = f",,,{frame.refused}"
+            told = f",,,{frame.refused},"
         row = "" if not with_row else "," if frame.row_stm32_us is None else f",{frame.row_stm32_us}"
         out.write(f"{frame.frame_index},{frame.frame},{frame.frame_gap8_us},{told}{row}\n".encode())

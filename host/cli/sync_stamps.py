@@ -101,6 +101,7 @@ def as_record(name: str, source: Source, result: Stamped | None) -> dict[str, An
     return {
         **record,
         "stamped": len(result.frame),
+        "holdover": int(result.held_over.sum()),
         "refused": dict(Counter(result.refused.values())),
         "messages_dropped": result.sorted.dropped,
         "gap8_tick_us": result.gap8_tick_us,
@@ -212,6 +213,11 @@ def lines(name: str, source: Source, result: Stamped | None) -> Iterator[str]:
             yield (
                 f"  robot's   own times were {own['median']:+.1f} us off (median), sd {own['sd']:.1f},"
                 f" worst {own['worst']:+.1f}"
+            )
+        if record["holdover"]:
+            yield (
+                f"  holdover  {record['holdover']} of them before the first message or behind the last: right if the"
+                " clock was not set meanwhile"
             )
         for why, count in record["refused"].items():
             yield f"  refused   {count} frames: {why}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from .allan import Steadiness, allan_deviation
 from .frame_ends import Ends, Readings, as_read, frame_ends
-from .smoother import BLOCK_PAIRS, Smoothed, smooth
+from .smoother import BLOCK_PAIRS, STIFFNESS, Smoothed, smooth
 from .ticks import SLOW, Epoch, Floats, Ints, Sorted, sort, tick_us
 
 Refusal = Literal[
@@ -24,8 +25,12 @@ Refusal = Literal[
 REFUSALS: tuple[Refusal, ...] = get_args(Refusal)
 AGE_S = 10.0
 """A frame further from any message is refused."""
+HELD_OVER_S = 0.25
+"""One so far outside all messages of its epoch is marked, as by the robot."""
 NEAR_S = 0.5
 BOUND_US_MAX = 20_000.0
+BEYOND = 3 * math.sqrt(2)
+"""Allan deviations that the rate may be another than it was, 99 %."""
 LONE_PPM = 0.5
 """How far a rate may change within a second that nothing was heard in, at the least."""
 SLOW_PPM = (1 / SLOW - 1) * 1e6
@@ -72,6 +77,8 @@ class Stamped:
     """99 %, either side."""
     epoch: Ints
     """Place in `fitted`."""
+    held_over: NDArray[np.bool_]
+    """Outside of all messages of its epoch: that the clock was not set meanwhile, nothing says."""
     refused: dict[int, Refusal]
     """By frame."""
     wire_us: float
@@ -106,7 +113,7 @@ def stamp(
     ends = frame_ends(read_us, all_.frame_boot, readings, ticks[0]) if readings else as_read(read_us, ticks[0])
     frames = ends.gap8_us
     value, bound = np.zeros(len(frames)), np.full(len(frames), np.inf)
-    owner = np.full(len(frames), -1)
+    owner, held_over = np.full(len(frames), -1), np.zeros(len(frames), np.bool_)
     why = refusals(all_, fitted, frames)
     for number, each in enumerate(fitted):
         reach = (frames >= each.sent_us[0] - AGE_S * 1e6) & (frames <= each.sent_us[1] + AGE_S * 1e6)
@@ -118,11 +125,14 @@ def stamp(
         mine_bound = np.interp(at_s, knots.time_s, each.smoothed.bound_us) + ticks[1] / 2
         bound[mine] = mine_bound + away_us(all_, each, frames[mine]) + ends.bound_us[mine]
         owner[mine] = number
+        outside_us = np.maximum(each.sent_us[0] - frames[mine], frames[mine] - each.sent_us[1])
+        held_over[mine] = outside_us > HELD_OVER_S * 1e6
     given = (owner >= 0) & (bound <= BOUND_US_MAX)
     refused = {int(frame): REFUSALS[why[frame]] for frame in np.flatnonzero(~given)}
     return Stamped(
-        fitted, all_, *ticks, np.flatnonzero(given), value[given], bound[given], owner[given], refused, wire_us, ends
-    )
+        fitted, all_, *ticks, np.flatnonzero(given), value[given], bound[given], owner[given], held_over[given],
+        refused, wire_us, ends,
+    )  # fmt: skip
 
 
 def is_enough(all_: Sorted, epoch: Epoch) -> bool:
@@ -167,7 +177,8 @@ def between(all_: Sorted, told: Ints, each: Fitted, frames: Floats) -> NDArray[n
 
 
 def away_us(all_: Sorted, each: Fitted, frames: Floats) -> Floats:
-    """What the clock may have done since the nearest message: its own Allan deviation at that span, thrice."""
+    """What the clock may have done since the nearest message: its own Allan deviation at that span, thrice; and beyond
+    the first and the last, how well the rate there is known."""
     heard = all_.gap8_us[each.epoch.messages].astype(np.float64)
     after = np.clip(np.searchsorted(heard, frames), 0, len(heard) - 1)
     before = np.maximum(after - 1, 0)
@@ -175,6 +186,12 @@ def away_us(all_: Sorted, each: Fitted, frames: Floats) -> Floats:
     known = each.steadiness
     ppm = np.interp(apart_s, known.span_s, known.deviation_ppm) if known.span_s else np.full(len(frames), 100.0)
     away: Floats = np.where(apart_s > NEAR_S, 3 * np.maximum(ppm, LONE_PPM) * apart_s, 0.0)
+    for end, beyond in (0, frames < heard[0]), (-1, frames > heard[-1]):
+        far_s = apart_s[beyond]
+        # Of longer spans than are known: a clock that warms up or cools down changes in proportion to them.
+        longer = np.maximum(far_s / known.span_s[-1], 1) if known.span_s else far_s
+        rate_ppm = each.smoothed.bound_us[end] / (STIFFNESS * each.smoothed.block_s[end])
+        away[beyond] = (BEYOND * np.maximum(ppm[beyond] * longer, LONE_PPM) + rate_ppm) * far_s
     return away
 
 

@@ -33,6 +33,9 @@ class Restamped:
     bound_us: float | None
     """99 %, either side."""
     epoch: int | None
+    holdover: bool | None
+    """More than 0.25 s before the first message of its epoch or behind the last: whether the clock was set meanwhile,
+    nothing says, and the bound holds if it was not."""
     refused: str | None
     row_stm32_us: float | None = None
     """Middle of the exposure of the row that was asked for; its bound is that of the end of frame."""

@@ -175,6 +175,33 @@ def test_frames_far_from_every_message_are_refused() -> None:
     assert 0.35 < len(got.frame) / len(made.frame_gap8_us) < 0.65
 
 
+@pytest.mark.parametrize("oscillator", models.OSCILLATORS)
+@pytest.mark.parametrize("heard", [200, 1000, 4000])
+def test_what_is_held_over_has_what_clocks_may_do_in_its_bound(oscillator: str, heard: int) -> None:
+    """The rate at the last message is known so well only, and goes on changing."""
+    for seed in SEEDS:
+        made = run(replace(LINK, oscillator=oscillator, seconds=80), seed)
+        place = np.arange(len(made.stm32_us))
+        some = models.take(made, (place >= 2000) & (place < 2000 + heard))
+        got = stamped(some)
+        frames_us = some.frame_gap8_us[got.frame]
+        outside_us = np.maximum(some.gap8_us[0] - frames_us, frames_us - some.gap8_us[-1])
+        assert (got.held_over[outside_us > 260_000]).all()
+        assert not got.held_over[outside_us < 240_000].any()
+        error = np.abs(got.stm32_us - some.frame_true_us[got.frame])
+        far = outside_us > 2_000_000
+        assert far.sum() > 100
+        assert (error <= got.bound_us)[far].mean() >= 0.985, f"seed {seed}"
+
+
+def test_a_reset_after_the_last_message_is_wrong_only_where_it_is_marked() -> None:
+    made = models.stm32_leap(run(LINK, 5), AT, -25_000_000)
+    got = stamped(models.take(made, np.arange(len(made.stm32_us)) < AT - 100))
+    wrong = np.abs(got.stm32_us - made.frame_true_us[got.frame]) > got.bound_us
+    assert wrong.sum() > 100
+    assert got.held_over[wrong].all()
+
+
 def test_a_leap_is_not_hidden_by_the_robots_own_count() -> None:
     """The message says that the clock was reset, by so little that its times do not show it."""
     made = models.stm32_leap(run(LINK, 5), AT, -200)

@@ -59,6 +59,7 @@ def test_the_copy_has_all_and_the_times(robots: int, tmp_path: Path, capsys: pyt
         assert [(row[3], row[4], row[6]) for row in rows] == [
             ("" if time is None else str(time), "" if bound is None else str(bound), why) for time, bound, why in told
         ]
+        assert [row[7] for row in rows] == [str(int(each["holdover"])) if "holdover" in each else "" for each in times]
         # Of so few frames no pace is found: how late readings may be is in the bound, 93 us.
         assert np.median([bound for _, bound, _ in told if bound is not None]) < 143
     # It is a recording like any other.
