@@ -261,16 +261,19 @@ static void sag(clock_track_t *self) {
 /// test of these blocks is sharper, if the rate did step there.
 static void stray(clock_track_t *self) {
     self->doubt_stray_us = 0;
+    uint32_t late_q8[STRAY_BLOCKS];
+    for (uint8_t i = 0; i < STRAY_BLOCKS && i < self->blocks_fill; i++) {
+        const int64_t gap_q8 = gap(self, &self->blocks[self->blocks_fill - 1 - i]);
+        late_q8[i] = gap_q8 > 0 ? at_most((uint64_t)gap_q8, LATE_US * Q8) : 0;
+    }
     for (uint8_t since = 2; since <= STRAY_BLOCKS && since < self->blocks_fill; since++) {
         const int32_t begin_us = self->blocks[self->blocks_fill - 1 - since].gap8_us;
         uint32_t least = UINT32_MAX; // rate
         uint64_t weight = 0;
         for (uint8_t i = 0; i < since && least > 0; i++) {
             const clock_block_t *block = &self->blocks[self->blocks_fill - 1 - i];
-            const int64_t gap_q8 = gap(self, block);
-            const uint32_t late_q8 = gap_q8 > 0 ? at_most((uint64_t)gap_q8, LATE_US * Q8) : 0;
             const uint32_t after = (uint32_t)(block->gap8_us - begin_us) >> STRAY_SHIFT;
-            const uint32_t rate = (late_q8 << STRAY_RATE_BITS) / (after + 1);
+            const uint32_t rate = (late_q8[i] << STRAY_RATE_BITS) / (after + 1);
             least = rate < least ? rate : least;
             weight += (uint64_t)after * block->count;
         }
