@@ -82,8 +82,9 @@ def work_out(source: Source) -> Stamped | None:
     """None when the frames have no time of the GAP8's."""
     if not source.index:
         return None
+    arrival_us = (np.array(source.arrival_ns, np.int64) - source.arrival_ns[0]).astype(np.float64) / 1000
     all_times = source.stm32, source.gap8, source.frame_gap8, source.frame_after, source.resets
-    return stamp(*all_times, source.wire_us, 1000.0 if source.in_ms else 1.0, source.readings)
+    return stamp(*all_times, source.wire_us, 1000.0 if source.in_ms else 1.0, source.readings, arrival_us)
 
 
 def as_record(name: str, source: Source, result: Stamped | None) -> dict[str, Any]:
@@ -171,6 +172,7 @@ def epoch_record(result: Stamped, number: int) -> dict[str, Any]:
         "frames": int(mine.sum()),
         "drift_ppm": round(each.drift_ppm, 3),
         "stm32_counts_84_of_85": each.is_slow,
+        "sure_of_84_of_85": not each.wire_bound_us,
         "delay_us": median(each.smoothed.mu_us),
         "bound_us_median": median(result.bound_us[mine]),
         "bound_us_max": round(float(result.bound_us[mine].max()), 2) if mine.any() else None,
@@ -202,6 +204,7 @@ def lines(name: str, source: Source, result: Stamped | None) -> Iterator[str]:
             seconds = (each["to_gap8_us"] - each["from_gap8_us"]) * 1e-6
             yield f"  epoch {each['epoch']:<4}{seconds:.1f} s, {each['messages']} messages: {each['why']}"
             slow = "; the STM32 counts 84 where 85 have passed" if each["stm32_counts_84_of_85"] else ""
+            slow += "" if each["sure_of_84_of_85"] else "; or the GAP8's clock is off by more: in the bound"
             yield f"            drift {each['drift_ppm']:+.2f} ppm (GAP8 against STM32){slow}"
             bound = "no frame" if each["bound_us_median"] is None else f"±{each['bound_us_median']:.1f} us (99 %)"
             yield f"            messages late by {each['delay_us']:.0f} us on average; frames' bound {bound}"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .allan import Steadiness, allan_deviation
 from .frame_ends import Ends, Readings, as_read, frame_ends
 from .smoother import BLOCK_PAIRS, STIFFNESS, Smoothed, smooth
-from .ticks import SLOW, Epoch, Floats, Ints, Sorted, sort, tick_us
+from .ticks import RTC_HZ, SLOW, Epoch, Floats, Ints, Sorted, sent_tick_us, sort, tick_us
 
 Refusal = Literal[
     "no messages",
@@ -35,6 +35,9 @@ LONE_PPM = 0.5
 """How far a rate may change within a second that nothing was heard in, at the least."""
 SLOW_PPM = (1 / SLOW - 1) * 1e6
 """Drift of a right clock against a slow one."""
+CRYSTAL_PPM = 1000.0
+"""More than a watch crystal is off: a clock that counts its ticks is right."""
+FRAMES_MIN = 20
 WIRE_US = 17 * 10 * 365 / 42
 """A native message on UART1, from the reading of the clock to the last stop bit."""
 
@@ -55,9 +58,11 @@ class Fitted:
     drift_ppm: float
     """Of the GAP8's clock against the STM32's, mean."""
     is_slow: bool
-    """The STM32's clock counts 84 where 85 have passed: the drift is nearer to that than to none."""
+    """The STM32's clock counts 84 where 85 have passed: it is nearer to that than to right."""
     wire_stm32_us: float
-    """A message's time on the wire, as the STM32's clock counts."""
+    """A message's time on the wire, as the STM32's clock counts ..."""
+    wire_bound_us: float
+    """... and how far off that is if which of the two clocks is the wrong one has been guessed wrongly."""
     steadiness: Steadiness
 
 
@@ -101,14 +106,17 @@ def stamp(
     wire_us: float = 0.0,
     stm32_tick_us: float = 1.0,
     readings: Readings | None = None,
+    arrival_us: Floats | None = None,
 ) -> Stamped:
-    """As ticks.sort takes them. `wire_us`: how long a message is on the wire. The GAP8's ticks show in its readings,
-    the STM32's do not: it may send at whole milliseconds on a clock of 1 us. Without `readings` frames have ended when
-    the GAP8 read its clock."""
-    ticks = tick_us(gap8), stm32_tick_us
+    """As ticks.sort takes them. `wire_us`: how long a message is on the wire. `stm32_tick_us`: where it is known; it
+    shows only if messages are not sent at even steps of it. Without `readings` frames have ended when the GAP8 read its
+    clock. `arrival_us`: when each frame came to the host, on a clock that is right."""
+    ticks = tick_us(gap8), max(stm32_tick_us, sent_tick_us(stm32))
     told = np.zeros(len(stm32), np.int64) if resets is None else resets
     all_ = sort(stm32, gap8, frame_gap8, frame_after, resets, max(ticks))
-    fitted = tuple(fit(all_, each, max(ticks), wire_us) for each in all_.epochs if is_enough(all_, each))
+    right = None if arrival_us is None else against_right(all_.frame_gap8_us, all_.frame_boot, arrival_us)
+    right = right or ((0.0, CRYSTAL_PPM) if ticks[0] == 1e6 / RTC_HZ else (0.0, math.inf))
+    fitted = tuple(fit(all_, each, max(ticks), wire_us, right) for each in all_.epochs if is_enough(all_, each))
     read_us = all_.frame_gap8_us
     ends = frame_ends(read_us, all_.frame_boot, readings, ticks[0]) if readings else as_read(read_us, ticks[0])
     frames = ends.gap8_us
@@ -122,7 +130,7 @@ def stamp(
         knots = each.smoothed.track
         # Ticks are read as their middle, on both clocks; the half tick of the STM32's is what it is on average.
         value[mine] = frames[mine] - each.base_us - knots.at(at_s) - (ticks[0] - ticks[1]) / 2 + each.wire_stm32_us
-        mine_bound = np.interp(at_s, knots.time_s, each.smoothed.bound_us) + ticks[1] / 2
+        mine_bound = np.interp(at_s, knots.time_s, each.smoothed.bound_us) + ticks[1] / 2 + each.wire_bound_us
         bound[mine] = mine_bound + away_us(all_, each, frames[mine]) + ends.bound_us[mine]
         owner[mine] = number
         outside_us = np.maximum(each.sent_us[0] - frames[mine], frames[mine] - each.sent_us[1])
@@ -139,7 +147,8 @@ def is_enough(all_: Sorted, epoch: Epoch) -> bool:
     return len(epoch.messages) >= 2 * BLOCK_PAIRS
 
 
-def fit(all_: Sorted, epoch: Epoch, coarse_us: float, wire_us: float) -> Fitted:
+def fit(all_: Sorted, epoch: Epoch, coarse_us: float, wire_us: float, right: tuple[float, float]) -> Fitted:
+    """`right`: drift of the GAP8's clock against a right one, ppm, and how far off that may be."""
     gap8, stm32 = all_.gap8_us[epoch.messages], all_.stm32_us[epoch.messages]
     begin, base = int(gap8[0]), int(gap8[0] - stm32[0])
     time_s: Floats = (gap8 - begin).astype(np.float64) * 1e-6
@@ -154,12 +163,27 @@ def fit(all_: Sorted, epoch: Epoch, coarse_us: float, wire_us: float) -> Fitted:
     ends = made.kept[[0, -1]]
     late = np.maximum(offset[ends] - curve.at(time_s[ends]), 0)
     first, last = (gap8[ends] - late - wire_us).tolist()
-    is_slow = abs(drift - SLOW_PPM) < abs(drift)
+    stm32_ppm = drift - right[0]
+    is_slow = abs(stm32_ppm - SLOW_PPM) < abs(stm32_ppm)
+    is_sure = right[1] + abs(stm32_ppm - SLOW_PPM * is_slow) < SLOW_PPM / 2
     wire_stm32_us = wire_us * (SLOW if is_slow else 1)
     return Fitted(
         epoch, int(all_.message_boot[epoch.messages[0]]), begin, base, (first, last), made, drift,
-        is_slow, wire_stm32_us, allan_deviation(curve.at(even), step_s),
+        is_slow, wire_stm32_us, 0.0 if is_sure else wire_us * (1 - SLOW), allan_deviation(curve.at(even), step_s),
     )  # fmt: skip
+
+
+def against_right(frame_gap8_us: Ints, boot: Ints, arrival_us: Floats) -> tuple[float, float] | None:
+    """Drift of the GAP8's clock, ppm, and how far off that may be, by when frames came to a host."""
+    mine = boot == np.bincount(boot).argmax() if len(boot) else np.zeros(0, np.bool_)
+    if mine.sum() < FRAMES_MIN:
+        return None
+    gap8_us = (frame_gap8_us[mine] - frame_gap8_us[mine][0]).astype(np.float64)
+    late_us = arrival_us[mine] - arrival_us[mine][0] - gap8_us
+    slope, base = np.polyfit(gap8_us, late_us, 1)
+    # Delays on the network come and go slowly: as if there were one at either end.
+    scatter_us = float((late_us - base - slope * gap8_us).std())
+    return -1e6 * float(slope), 1e6 * 3 * math.sqrt(12) * scatter_us / max(float(gap8_us[-1]), 1.0)
 
 
 def between(all_: Sorted, told: Ints, each: Fitted, frames: Floats) -> NDArray[np.bool_]:

@@ -24,6 +24,8 @@ RTC_HZ = 32768
 RTC_PARTS = 15625, 512
 """A step of it, and 1 us, in whole parts."""
 AT_ONCE = 8
+EVEN = 0.9
+"""Share of messages that are sent at even steps, if any are."""
 SLOW = 84 / 85
 """Rate of a clock that counts 84 where 85 have passed, against a right one: STM32 firmware before August 2026."""
 JUMP_US = 20_000.0
@@ -101,6 +103,15 @@ def tick_us(readings: NDArray[np.uint64] | Ints) -> float:
     if (some % 1000 == 0).mean() > 0.95 or (varied and on_grid(some, 1000, 1)):
         return 1000.0
     return 1e6 / RTC_HZ if on_grid(some, *RTC_PARTS) else 1.0
+
+
+def sent_tick_us(readings: NDArray[np.uint64]) -> float:
+    """As tick_us, of a clock that is read to be sent: at even steps of its own, which then say nothing of its ticks."""
+    steps: Ints = np.diff(readings[:1000].astype(np.int64))
+    if not len(steps):
+        return 1.0
+    usual = max(int(np.median(steps)), 1)
+    return 1.0 if (steps % usual == 0).mean() > EVEN else tick_us(readings)
 
 
 def on_grid(readings: Ints, step: int, us: int) -> bool:

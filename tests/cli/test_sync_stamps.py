@@ -71,6 +71,32 @@ def test_against_the_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str], k
 
 
 @pytest.mark.parametrize(
+    ("keys", "tick_us", "rms_us"),
+    [
+        ("&stm32_quantum=1ms&stm32_divider=84", 1000, 60),
+        ("&stm32_quantum=rtc", 30.517578125, 16),
+        ("&stm32_quantum=rtc&stm32_divider=84&gap8_quantum=1us", 30.517578125, 16),
+        ("&stm32_quantum=1ms&uart1_loss=0.3", 1, 12),
+        ("&gap8_quantum=1us&gap8_ppm=8000", 1, 2),
+        ("&gap8_ppm=11000", 1, 12),
+    ],
+)
+def test_clocks_that_are_coarse_or_far_off(
+    keys: str, tick_us: float, rms_us: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url = f"sim://hover?pace=max&seed=7&camera_jitter_us=0{keys}"
+    out = tmp_path / "times.csv"
+    said = stamps(capsys, record(tmp_path, url), "--apply", str(out))
+    table = list(csv.DictReader(out.read_text(encoding="utf-8").splitlines()))
+    error = np.abs(true_errors(url, table))
+    assert said["stm32_tick_us"] == tick_us
+    assert said["epochs"][0]["stm32_counts_84_of_85"] is ("divider" in keys)
+    assert said["epochs"][0]["sure_of_84_of_85"]
+    assert (error <= [float(row["bound_us"]) for row in table]).mean() >= 0.985
+    assert np.sqrt(np.mean(error**2)) < rms_us
+
+
+@pytest.mark.parametrize(
     ("keys", "mean_us", "rms_us"),
     [("", 20, 5), ("&gap8_quantum=1us", 20, 1.2), ("&camera_jitter_us=300&stm32_divider=84", 300, 14)],
 )

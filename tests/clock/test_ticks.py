@@ -9,7 +9,7 @@ import pytest
 from models import Link, Run, run
 
 from host.clock.stamps import Stamped, stamp
-from host.clock.ticks import tick_us, unwrap
+from host.clock.ticks import sent_tick_us, tick_us, unwrap
 
 SECONDS, AT = 60.0, 3000
 LINK = Link("presc85", 500.0, seconds=SECONDS)
@@ -234,12 +234,44 @@ def test_an_epoch_of_few_messages_is_no_part_of_its_neighbour(heard: int, after:
     assert "too few messages" in got.refused.values()
 
 
+@pytest.mark.parametrize(("ppm", "slow"), [(3000, False), (8000, False), (11_000, False), (4000, True), (0, True)])
+def test_which_clock_is_the_wrong_one_is_found_or_in_the_bound(ppm: int, slow: bool) -> None:
+    """What is taken off a message for the wire is in the STM32's us: 17 us more or less."""
+    made = run(replace(LINK, oscillator=f"const{1e6 / 84 * slow + ppm}"), 5)
+    stm32, gap8, frames = (each.astype(np.uint64) for each in (made.stm32_us, made.gap8_us, made.frame_gap8_us))
+    come_us = made.frame_us * (85 / 84 if slow else 1) + np.random.default_rng(5).exponential(5_000, len(frames))
+    guessed = stamp(stm32, gap8, frames, made.frame_after, wire_us=1477)
+    (each,) = guessed.fitted
+    assert each.wire_stm32_us + each.wire_bound_us >= 1477 * (84 / 85 if slow else 1) >= 1477 * 84 / 85
+    assert each.wire_bound_us == pytest.approx(1477 / 85)
+    known = stamp(stm32, gap8, frames, made.frame_after, wire_us=1477, arrival_us=come_us)
+    assert (known.fitted[0].is_slow, known.fitted[0].wire_bound_us) == (slow, 0)
+    assert guessed.bound_us - known.bound_us == pytest.approx(1477 / 85, abs=1e-6)
+
+
+def test_a_network_that_stalls_does_not_tell_which_clock_is_wrong() -> None:
+    made = run(LINK, 5)
+    stm32, gap8, frames = (each.astype(np.uint64) for each in (made.stm32_us, made.gap8_us, made.frame_gap8_us))
+    come_us = made.frame_us * 85 / 84 + 500_000 * (made.frame_us > 40e6)
+    assert stamp(stm32, gap8, frames, made.frame_after, wire_us=1477, arrival_us=come_us).fitted[0].wire_bound_us
+
+
 def test_unwrap() -> None:
     top = (1 << 32) - 1
     assert unwrap(np.array([top - 1, 1, 5], np.uint64)).tolist() == [top - 1, top + 2, top + 6]
     assert unwrap(np.array([top - 1, 1, top, 5], np.uint64)).tolist() == [top - 1, top + 2, top, top + 6]
     assert unwrap(np.array([10**12, 1, 5], np.uint64)).tolist() == [10**12, 1, 5]
     assert unwrap(np.array([], np.uint64)).tolist() == []
+
+
+def test_ticks_of_what_is_sent_at_even_steps_are_not_seen() -> None:
+    even = 12_345 + 10_000 * np.arange(1000)
+    some = np.delete(even, [5, 6, 100, 700])
+    at = np.arange(0, 10**7, 9_882)
+    for readings in (even, even // 1000 * 1000, some // 1000 * 1000, at, at[:1]):
+        assert sent_tick_us(readings.astype(np.uint64)) == 1.0
+    assert sent_tick_us((at // 1000 * 1000).astype(np.uint64)) == 1000.0
+    assert sent_tick_us((at * 32768 // 10**6 * 10**6 // 32768).astype(np.uint64)) == 1e6 / 32768
 
 
 def test_ticks_are_recognised() -> None:
