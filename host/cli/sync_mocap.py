@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
         gyro = source_of(arguments.file, arguments.file, log)
         tracks = tracks_of(arguments.file, log, arguments.source)
         warn(arguments.file, log)
-        found = {track.name: lag_of(attitudes_of(track, gyro), gyro.gyro) for track in tracks}
+        found = {track.name: measure(track, gyro) for track in tracks}
         known = {name: each for name, each in found.items() if isinstance(each, Lag)}
         if arguments.json:
             for record in records(arguments.file, gyro, found):
@@ -62,6 +62,10 @@ def tracks_of(file: str, log: Log, source: str | None) -> list[Track]:
     if not tracks:
         raise PeerError(f"{file}: no attitude in it: log locSrv.qx to .qw on:estPose, or stateEstimate.qx to .qw")
     return tracks
+
+
+def measure(track: Track, gyro: Source) -> Lag | Refused:
+    return lag_of(attitudes_of(track, gyro), gyro.gyro)
 
 
 def attitudes_of(track: Track, gyro: Source) -> Attitudes:

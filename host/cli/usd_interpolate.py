@@ -6,22 +6,26 @@ import argparse
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from ..protocol.errors import LocalError
+from ..protocol.errors import LocalError, PeerError
 from ..protocol.typed import integer, real
 
 if TYPE_CHECKING:
     from ..usd.interpolate import Poses
+    from ..usd.log import Log
+    from ..usd.track import Track
     from .usd_times import Times
 
 Number = TypeVar("Number", int, float)
 LAG_SIGMAS = 3.0
+MEASURED = "measured"
 EXAMPLES = """\
 TIMES are in us of the STM32's stamp clock, the log's own: 12400000,12500000, or a file of such numbers, or - for
 standard input, or a recording of host stream (.mcap), whose frames' STM32 times are taken.
 
 Answers are CSV on stdout: time, position in m, attitude as a quaternion, and how far each may be off: by the gap
 between the rows (from how the track bends around it), by the error of the time, and by that of the rows' stamps. What
-the robot's estimate itself was off by is not in it; how late it was, host sync mocap can say, for --lag-us. Where the
+the robot's estimate itself was off by is not in it; how late it was, host sync mocap can say, for --lag-us
+(--lag-us measured asks it here; a lag that it refuses ends the command, with its reason and exit code). Where the
 log does not say, `refused` says why, and there are no numbers:
   before, after   the log's rows end there: nothing is extrapolated
   hole            rows are missing: the gap is longer than --hole-us
@@ -37,6 +41,7 @@ examples:
   host usd interpolate log00 --at flight1.mcap --json
   host usd interpolate log00 --at paper.mcap --time-error-us 5000
   host usd interpolate log00 --at flight1.mcap --source estPose --lag-us 6500±400
+  host usd interpolate log00 --at flight1.mcap --source estPose --lag-us measured
 """
 
 
@@ -73,7 +78,8 @@ def add_parser(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     this.add_argument(
         "--lag-us",
         metavar="LAG±SIGMA",
-        help="how late the rows' poses are, as host sync mocap says: that is set right, and 3 sigma widen the error",
+        help="how late the rows' poses are: that is set right, and 3 sigma widen the error; 'measured': by the gyro of"
+        " LOG, as host sync mocap does",
     )
     this.add_argument("--hole-us", metavar="US", help="longest gap with an answer (default 2.5 times the usual)")
     this.add_argument("--epoch", metavar="N", help="only this one, as host usd info counts them (default: any)")
@@ -106,10 +112,13 @@ def run(arguments: argparse.Namespace) -> int:
     time_error_us = from_zero(arguments.time_error_us, "--time-error-us", real, "microseconds,")
     row_error_us = from_zero(arguments.row_error_us, "--row-error-us", real, "microseconds,")
     hole_us = from_zero(arguments.hole_us, "--hole-us", real, "microseconds,")
-    lag_us, lag_sigma_us = lag(arguments.lag_us)
+    is_measured = arguments.lag_us == MEASURED
+    lag_us, lag_sigma_us = (0.0, 0.0) if is_measured else lag(arguments.lag_us)
     times = read_times(arguments.at, robot)
     if time_error_us is None and np.isnan(times.bound_us).any():
         raise LocalError(f"{arguments.at}: its frames do not say how good their times are: say it with --time-error-us")
+    if is_measured:
+        lag_us, lag_sigma_us = measured(arguments.file, log, track, arguments.json)
     poses = interpolate(
         track,
         times.stm32_us,
@@ -144,8 +153,34 @@ def lag(text: str | None) -> tuple[float, float]:
     try:
         value = real(mean)
     except ValueError as error:
-        raise LocalError(f"--lag-us {text}: a lag in us and its sigma, as 6500±400 or 6500+-400") from error
+        raise LocalError(f"--lag-us {text}: a lag in us and its sigma, 6500±400 or 6500+-400, or measured") from error
     return value, from_zero(sigma if sign else "0", "--lag-us", real, "a sigma in us") or 0.0
+
+
+def measured(file: str, log: Log, track: Track, as_json: bool) -> tuple[float, float]:
+    """As lag(), by the gyro of the same log. PeerError where nothing is known of it."""
+    import sys
+
+    from ..clock.lag import Lag
+    from .as_json import line
+    from .sync_gyro import source_of
+    from .sync_mocap import measure, records
+
+    if track.attitude is None:
+        raise PeerError(f"{file}: --lag-us measured: {track.name} has no attitude to lay over the gyro: give the lag")
+    gyro = source_of(file, file, log)
+    found = measure(track, gyro)
+    if as_json:
+        (record,) = records(file, gyro, {track.name: found})
+        print(line(record))
+    if not isinstance(found, Lag):
+        raise PeerError(f"{file}: no lag of {track.name} is known: {found.why}")
+    print(
+        f"{track.name}: {found.behind_motion_us / 1000:+.3f} ± {found.sigma_us / 1000:.3f} ms behind the motion, by the"
+        f" log's gyro: set right, and 3 sigma of it are in the errors",
+        file=sys.stderr,
+    )
+    return found.behind_motion_us, found.sigma_us
 
 
 def from_zero(text: str | None, option: str, read: Callable[[str], Number], what: str) -> Number | None:

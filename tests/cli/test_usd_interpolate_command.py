@@ -146,3 +146,49 @@ def test_errors(folder: Path, words: list[str], code: int, says: str, capsys: py
     assert says in printed.err
     assert len(printed.err.splitlines()) == 1
     assert printed.out == ""
+
+
+@pytest.mark.parametrize("source", ["estPose", "stateEstimate"])
+def test_a_lag_that_is_measured_is_the_one_that_sync_mocap_says(
+    source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["sim", "example", "mocap", str(tmp_path / "a"), "--json"]) == 0
+    log = json.loads(capsys.readouterr().out)["files"][0]
+    assert main(["sync", "mocap", log, "--source", source, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    ask = ["usd", "interpolate", log, "--at", "15000000,20000000.5", "--source", source, "--json", "--lag-us"]
+    assert main([*ask, f"{said['lag_us']}±{said['sigma_us']}"]) == 0
+    given = [json.loads(each) for each in capsys.readouterr().out.splitlines()]
+    assert main([*ask, "measured"]) == 0
+    output = capsys.readouterr()
+    lag, *poses = [json.loads(each) for each in output.out.splitlines()]
+    assert lag == said
+    assert [each.keys() for each in poses] == [each.keys() for each in given]
+    for one, other in zip(poses, given, strict=True):
+        assert (one.pop("event"), one.pop("refused")) == (other.pop("event"), other.pop("refused")) == ("pose", None)
+        assert one == pytest.approx(other, rel=1e-3, abs=1e-5)
+    assert main([*ask, f"{said['lag_us']}"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[0])["attitude_error_rad"] < poses[0]["attitude_error_rad"]
+    assert main([*ask, "0"]) == 0
+    late = json.loads(capsys.readouterr().out.splitlines()[0])
+    assert abs(late["qx"] - poses[0]["qx"]) + abs(late["qz"] - poses[0]["qz"]) > 1e-4
+    assert f"{said['lag_us'] / 1000:+.3f} ± 0.0" in output.err
+
+
+def test_a_lag_that_is_not_known_ends_as_sync_mocap_does(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    still = Writer(types={FIXED: ("fixedFrequency", [*POSE, *(f"gyro.{axis}(f)" for axis in "xyz")])})
+    flat = Writer(types={FIXED: ("fixedFrequency", [*POSE[:3], *(f"gyro.{axis}(f)" for axis in "xyz")])})
+    for number in range(10_000):
+        still.row(FIXED, 1000 * number, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0)
+        flat.row(FIXED, 1000 * number, 0, 0, 0, 0, 0, 0)
+    (folder / "still00").write_bytes(still.close())
+    (folder / "flat00").write_bytes(flat.close())
+    for log, why in (("log00", "no gyro in it"), ("still00", None), ("flat00", "no attitude")):
+        assert main(["sync", "mocap", log]) == 4
+        reason = capsys.readouterr().err.strip().rpartition(": ")[2]
+        assert main(["usd", "interpolate", log, "--at", "500500", "--lag-us", "measured"]) == 4
+        output = capsys.readouterr()
+        assert (why or reason) in output.err
+        assert output.out == ""
