@@ -153,7 +153,8 @@ def small_log() -> bytes:
 @pytest.mark.parametrize("command", re.findall(r"^\.venv/bin/host (usd .*)$", README, re.MULTILINE))
 def test_logs(command: str, tmp_path: Path) -> None:
     """Every `host usd` line, on a small log, on a card with it, and with a recording of the same time."""
-    (tmp_path / "log00").write_bytes(small_log())
+    for name in ("log00", "log01"):
+        (tmp_path / name).write_bytes(small_log())
     (tmp_path / "config.txt").write_text("1\n4096\nlog\n0\non:fixedFrequency\n500\n1\nstateEstimate.x\ngyro.z\n")
     if "flight1.mcap" in command:
         made = host(

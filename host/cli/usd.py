@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable
 from typing import Any
 
 from ..protocol.errors import LocalError, PeerError
 from . import usd_config, usd_interpolate, usd_plot
+from .usd_outputs import is_same, one_by_one, outputs
 from .verb import add_verb
 
 FILES = """\
@@ -39,19 +39,22 @@ OUT's ending chooses the format:
   .parquet  the same; needs pyarrow: pip install 'spindeck[parquet]'
   .npz      a structured array for each type, and NAME.verified, NAME.epoch beside it
   .mcap     a topic for each type, as Foxglove plots them
+Of several FILEs, or with a folder as OUT, each gets tables named after it, of the format that --format says.
 Tables have the columns `epoch` (counts resets of the clock) and `verified`.
 
 examples:
   host usd decode log00 -o flight.csv
   host usd decode log00 -o flight.npz --verified-only
   host usd decode broken00 --header-of log01 -o flight.csv
+  host usd decode card/log* -o tables/ --format npz
 """
 REPAIR_EXAMPLES = """\
-OUT is a valid log of version 2, which older readers take too. FILE is only read.
+OUT is a valid log of version 2, which older readers take too; a folder if there are several FILEs, which are only read.
 
 examples:
   host usd repair log00 -o repaired00
   host usd repair broken00 --header-of log01 -o repaired00
+  host usd repair card/log* -o repaired/
 """
 HEADERLESS = """
 A log whose beginning is lost or overwritten has no header, and nothing says what its rows are. --header-of OTHER reads
@@ -79,11 +82,13 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         verbs, "repair", run_repair, "write a valid log of all that is left of one", REPAIR_EXAMPLES, more
     )
     for each in (decode, repair):
-        each.add_argument("file", metavar="FILE", help="a log")
-        each.add_argument("-o", "--output", metavar="OUT", required=True, help="the new file")
+        each.add_argument("files", metavar="FILE", nargs="+", help="a log")
+        each.add_argument("-o", "--output", metavar="OUT", required=True, help="the new file, or a folder for them")
         each.add_argument("--force", action="store_true", help="overwrite what is there")
     for each in (info, check, decode, repair):
         each.add_argument("--header-of", metavar="OTHER", help="FILE has no header: take that of this log")
+    formats = ("csv", "parquet", "npz", "mcap")
+    decode.add_argument("--format", choices=formats, help="of tables in a folder (default csv)")
     decode.add_argument("--verified-only", action="store_true", help="leave out rows that no good CRC covers")
     usd_config.add_parser(verbs)
     usd_interpolate.add_parser(verbs)
@@ -134,59 +139,56 @@ def run_check(arguments: argparse.Namespace) -> int:
     return one_by_one(arguments.files, lambda given: one_by_one(logs_on(given), check))
 
 
-def one_by_one(names: Iterable[str], command: Callable[[str], int]) -> int:
-    """Whatever is wrong with one, the others have their turn. 2 if one could not be read, else the highest code."""
-    codes = {0}
-    for name in names:
-        try:
-            codes.add(command(name))
-        except (LocalError, PeerError) as error:
-            print(f"host: {error}", file=sys.stderr)
-            codes.add(2 if isinstance(error, LocalError) else 4)
-    return 2 if 2 in codes else max(codes)
-
-
 def run_decode(arguments: argparse.Namespace) -> int:
-    """Writes the tables; 4 if nothing of the file can be read."""
+    """Writes the tables; 4 if nothing of a file can be read."""
     from . import usd_tables
     from .as_json import line
 
-    _, _, log = read_rows(arguments)
-    written = usd_tables.write(log, arguments.output, arguments.verified_only, arguments.force)
-    if arguments.json:
-        print(line({"event": "decoded", "file": arguments.file, "written": written, **counts(log)}))
-    else:
-        for path, rows in written.items():
-            print(f"{path}: {rows} rows")
-    warn_of_card(arguments.file)
-    warn(arguments.file, log)
-    return 0
+    made = outputs(arguments.files, arguments.output, f".{arguments.format or 'csv'}")
+    if arguments.format and arguments.output in made.values():
+        raise LocalError(f"--format {arguments.format}: for tables in a folder: {arguments.output} has an ending")
+
+    def decode(name: str) -> int:
+        _, _, log = read_rows(name, arguments.header_of)
+        written = usd_tables.write(log, made[name], arguments.verified_only, arguments.force)
+        if arguments.json:
+            print(line({"event": "decoded", "file": name, "written": written, **counts(log)}))
+        else:
+            for path, rows in written.items():
+                print(f"{path}: {rows} rows")
+        warn_of_card(name)
+        warn(name, log)
+        return 0
+
+    return one_by_one(made, decode)
 
 
 def run_repair(arguments: argparse.Namespace) -> int:
-    """Writes the new log; 4 if nothing of the file can be read."""
-    from pathlib import Path
-
+    """Writes the new logs; 4 if nothing of a file can be read."""
     from ..usd.files import split
     from ..usd.repair import repair
     from .as_json import line
     from .new_file import new_file
 
-    source, header_of, log = read_rows(arguments)
-    if Path(arguments.output).exists() and Path(arguments.output).samefile(split(arguments.file)[0]):
-        raise LocalError(f"{arguments.output}: this is FILE itself, which is only read: name another file with -o")
-    made = repair(source, log, header_of)
-    with new_file(arguments.output, arguments.force) as out:
-        out.write(made)
-    if arguments.json:
-        print(line({"event": "repaired", "file": arguments.output, "size": len(made), **counts(log)}))
-    else:
-        lost = sum(each.size for each in log.damages)
-        print(
-            f"{arguments.output}: {log.row_count} rows, of which {log.verified_count} verified; {lost} bytes left out"
-        )
-    warn_of_card(arguments.file)
-    return 0
+    made = outputs(arguments.files, arguments.output, "")
+
+    def mend(name: str) -> int:
+        source, header_of, log = read_rows(name, arguments.header_of)
+        output = made[name]
+        if any(is_same(output, split(each)[0]) for each in made):
+            raise LocalError(f"{output}: this is FILE itself, which is only read: name another file with -o")
+        repaired = repair(source, log, header_of)
+        with new_file(output, arguments.force) as out:
+            out.write(repaired)
+        if arguments.json:
+            print(line({"event": "repaired", "file": output, "size": len(repaired), **counts(log)}))
+        else:
+            lost = sum(each.size for each in log.damages)
+            print(f"{output}: {log.row_count} rows, of which {log.verified_count} verified; {lost} bytes left out")
+        warn_of_card(name)
+        return 0
+
+    return one_by_one(made, mend)
 
 
 def load(name: str, examined: bool = True, header_of: str | None = None) -> tuple[Any, Any]:
@@ -197,11 +199,11 @@ def load(name: str, examined: bool = True, header_of: str | None = None) -> tupl
     return log, examine(log) if examined else None
 
 
-def read_rows(arguments: argparse.Namespace) -> tuple[Any, Any, Any]:
+def read_rows(name: str, other: str | None) -> tuple[Any, Any, Any]:
     """As read_as(); PeerError if there are no rows."""
-    source, header_of, log = read_as(arguments.file, arguments.header_of)
+    source, header_of, log = read_as(name, other)
     if not log.row_count:
-        raise_nothing(arguments.file, log)
+        raise_nothing(name, log)
     return source, header_of, log
 
 

@@ -27,6 +27,7 @@ examples:
   host usd plot log00 stateEstimate.x gyro.z -o flight.svg
   host usd plot log00 stateEstimate.x,stateEstimate.y gyro pm.vbatMV -o flight.png
   host usd plot log00 acc --from-us 12400000 --to-us 12900000 -o takeoff.svg
+  host usd plot log00 gyro --also log01 log02 -o pictures/        # a picture of each
 """
 
 
@@ -41,7 +42,8 @@ def add_parser(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     )
     this.add_argument("file", metavar="LOG", help="a log")
     this.add_argument("names", metavar="NAME", nargs="+", help="a variable, or a group of them")
-    this.add_argument("-o", "--output", metavar="OUT", required=True, help="the picture: .svg or .png")
+    this.add_argument("-o", "--output", metavar="OUT", required=True, help="the picture: .svg or .png, or a folder")
+    this.add_argument("--also", metavar="LOG", nargs="+", default=[], help="the same of these: OUT is a folder")
     this.add_argument("--from-us", metavar="US", help="begin here, on the stamp clock")
     this.add_argument("--to-us", metavar="US", help="end here")
     this.add_argument("--force", action="store_true", help="overwrite what is there")
@@ -50,7 +52,14 @@ def add_parser(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Draws the picture; 4 if nothing of the log can be read."""
+    """Draws the pictures; 4 if nothing of a log can be read."""
+    from .usd_outputs import one_by_one, outputs
+
+    made = outputs([arguments.file, *arguments.also], arguments.output, ".svg")
+    return one_by_one(made, lambda name: draw(arguments, name, made[name]))
+
+
+def draw(arguments: argparse.Namespace, name: str, output: str) -> int:
     from ..usd.plot import CURVES_MAX, PANELS_MAX, plot
     from .as_json import line
     from .new_file import new_file
@@ -58,30 +67,30 @@ def run(arguments: argparse.Namespace) -> int:
     from .usd_config import counted
     from .usd_report import state
 
-    write = picture_writer(arguments.output)
+    write = picture_writer(output)
     first, last = bound(arguments.from_us, "--from-us", -math.inf), bound(arguments.to_us, "--to-us", math.inf)
-    log, findings = load(arguments.file)
+    log, findings = load(name)
     if not log.row_count:
-        raise_nothing(arguments.file, log)
+        raise_nothing(name, log)
     try:
-        panels = [[curve for name in names.split(",") for curve in curves(log, name)] for names in arguments.names]
+        panels = [[curve for asked in names.split(",") for curve in curves(log, asked)] for names in arguments.names]
         if len(panels) > PANELS_MAX:
             raise LocalError(f"{len(panels)} panels, and {PANELS_MAX} fit: join some names by commas")
         if len(most := max(panels, key=len)) > CURVES_MAX:
             raise LocalError(f"{len(most)} variables in one panel, and {CURVES_MAX} fit: name some of them")
-        title = f"{Path(arguments.file).name}: {log.row_count} rows, {state(log)}"
+        title = f"{Path(name).name}: {log.row_count} rows, {state(log)}"
         width, height, shapes = plot(log, findings, panels, title, first, last)
     except LocalError as error:
-        raise LocalError(f"{arguments.file}: {error}") from error
-    with new_file(arguments.output, arguments.force) as file:
+        raise LocalError(f"{name}: {error}") from error
+    with new_file(output, arguments.force) as file:
         file.write(write(width, height, shapes))
     drawn = [[curve.variable for curve in panel] for panel in panels]
     if arguments.json:
-        print(line({"event": "plotted", "file": arguments.file, "output": arguments.output, "panels": drawn}))
+        print(line({"event": "plotted", "file": name, "output": output, "panels": drawn}))
     else:
-        print(f"{arguments.output}: {counted(sum(map(len, drawn)), 'variable')} in {counted(len(drawn), 'panel')}")
-    warn_of_card(arguments.file)
-    warn(arguments.file, log)
+        print(f"{output}: {counted(sum(map(len, drawn)), 'variable')} in {counted(len(drawn), 'panel')}")
+    warn_of_card(name)
+    warn(name, log)
     return 0
 
 

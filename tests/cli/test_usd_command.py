@@ -274,3 +274,55 @@ def test_a_disk_that_fills_up_leaves_nothing_behind(tmp_path: Path) -> None:
         with pytest.raises(LocalError, match="No space left"):
             write_half()
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "endings"),
+    [
+        (["decode"], [".fixedFrequency.csv", ".estTDOA.csv", ".log.status.csv"]),
+        (["decode", "--format", "npz"], [".npz"]),
+        (["repair"], [""]),
+        (["plot"], [".svg"]),
+    ],
+)
+def test_several_logs_have_a_file_each_in_a_folder(
+    words: list[str], endings: list[str], logs: dict[str, Path], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """What is wrong with one does not stop the others."""
+    out = tmp_path / "made"
+    given = [str(logs[name]) for name in ("whole", "empty", "cut")]
+    asked = [given[0], "acc", "--also", *given[1:]] if words == ["plot"] else given
+    ask = ["usd", *words, *asked, "-o", f"{out}/"]
+    assert main([*ask, "--json"]) == 4
+    output = capsys.readouterr()
+    assert [json.loads(line)["event"][:4] for line in output.out.splitlines()] == [f"{words[0]}"[:4]] * 2
+    assert f"host: {given[1]}: no rows" in output.err
+    assert {each.name for each in out.iterdir()} == {f"{log}{ending}" for log in ("whole", "cut") for ending in endings}
+    before = {each: each.read_bytes() for each in out.iterdir()}
+    assert main([*ask[:-1], str(out)]) == 2, "it is there"
+    assert {each: each.read_bytes() for each in out.iterdir()} == before
+    assert main([*ask[:-2], str(tmp_path / "none"), "-o", f"{tmp_path}/again/"]) == 2
+    assert {each.name for each in (tmp_path / "again").iterdir()} == {each.name for each in out.iterdir()}
+
+
+@pytest.mark.parametrize("verb", ["decode", "repair"])
+def test_several_logs_are_not_one_file(
+    verb: str, logs: dict[str, Path], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    whole, cut = str(logs["whole"]), str(logs["cut"])
+    assert main(["usd", verb, whole, cut, "-o", str(tmp_path / "one.csv")]) == 2
+    assert "one.csv.d/" in capsys.readouterr().err
+    (tmp_path / "other_card").mkdir()
+    again = tmp_path / "other_card" / "whole"
+    again.write_bytes(logs["whole"].read_bytes())
+    assert main(["usd", verb, whole, str(again), "-o", f"{tmp_path}/made/"]) == 2
+    assert "of several logs of this name" in capsys.readouterr().err
+    assert not (tmp_path / "made").exists()
+    assert main(["usd", verb, whole, "-o", f"{tmp_path}/no/made/"]) == 2
+    assert capsys.readouterr().err.endswith("No such file or directory\n")
+    assert main(["usd", "decode", whole, "--format", "npz", "-o", str(tmp_path / "a.csv")]) == 2
+    assert not (tmp_path / "a.csv").exists()
+    if verb == "repair":
+        assert main(["usd", verb, whole, cut, "--force", "-o", f"{tmp_path}/"]) == 2
+        assert "FILE itself" in capsys.readouterr().err
+        assert logs["cut"].read_bytes() == logs["whole"].read_bytes()[:5000]
