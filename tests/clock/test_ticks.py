@@ -212,9 +212,11 @@ def test_a_leap_is_not_hidden_by_the_robots_own_count() -> None:
     assert (np.abs(got.stm32_us - made.frame_true_us[got.frame]) < 2 * got.bound_us).all()
 
 
-@pytest.mark.parametrize("heard", [1, 4, 20, 45])
+@pytest.mark.parametrize(
+    ("heard", "told"),  # a handful that nobody explains are outliers
+    [(1, True), (4, True), (20, True), (45, True), (20, False), (45, False)],
+)
 @pytest.mark.parametrize("after", [False, True])
-@pytest.mark.parametrize("told", [False, True])
 def test_an_epoch_of_few_messages_is_no_part_of_its_neighbour(heard: int, after: bool, told: bool) -> None:
     """On a bad link hardly anything is heard before a reset, or after one: what is heard tells that there was one."""
     made = models.stm32_leap(run(LINK, 5), AT, -25_000_000)
@@ -223,10 +225,7 @@ def test_an_epoch_of_few_messages_is_no_part_of_its_neighbour(heard: int, after:
     some = models.take(made, ~few | (np.cumsum(few) % (few.sum() // heard) == 1))
     stm32, gap8, frames = (each.astype(np.uint64) for each in (some.stm32_us, some.gap8_us, some.frame_gap8_us))
     resets = (some.stm32_us < some.gap8_us - 12_000_000).astype(np.int64) if told else None
-    if told:
-        assert 0 < resets.mean() < 1
-    elif heard < 20:
-        return  # A handful that nobody explains are outliers.
+    assert resets is None or 0 < resets.mean() < 1
     got = stamp(stm32, gap8, frames, some.frame_after, resets)
     assert len(got.fitted) == 1
     assert len(got.frame) > 0.4 * len(frames)

@@ -1,8 +1,9 @@
 """What a Crazyradio is told over USB: literally, against Bitcraze's own driver (cflib), and when it goes wrong."""
 
 import errno
+import io
 import json
-import resource
+import os
 import signal
 import sys
 import types
@@ -306,22 +307,30 @@ def test_whatever_ends_it_the_log_is_kept(
     assert not found.damages
 
 
-def test_a_disk_that_is_full(plug: Plug, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+class SmallDisk(io.FileIO):
+    """With room for 150 bytes: the last write that fits is a short one."""
+
+    def write(self, data: Any) -> int:
+        room = 150 - self.tell()
+        if room == 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return super().write(data[:room])
+
+
+def test_a_disk_that_is_full(
+    plug: Plug, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Rows that fit are kept."""
     dongle = FakeDongle()
     plug(dongle)
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (150, before[1]))
-    try:
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "open", lambda path, mode, buffering: SmallDisk(str(path), mode))
         assert send(tmp_path / "host00") == 2
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, ignored)
     out, err = capsys.readouterr()
+    assert (tmp_path / "host00").stat().st_size == 150
     rows = len(decode((tmp_path / "host00").read_bytes()).rows["beaconSent"])
     assert 0 < rows == len(dongle.sent) - 1
-    assert f"host00: File too large; {rows} beacons are in it" in err
+    assert f"host00: No space left on device; {rows} beacons are in it" in err
     assert json.loads(out)["sent"] == rows + 1
 
 
