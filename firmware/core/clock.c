@@ -59,8 +59,6 @@ void clock_track_init(clock_track_t *self, const clock_known_t *known) {
     self->known = *known;
     self->first = true;
     self->mean_q8 = DELAY_FIRST_US * Q8;
-    self->scatter_q16 =
-        (uint64_t)self->mean_q8 * self->mean_q8 + (uint64_t)tick_q8(self) * tick_q8(self) / 12;
 }
 
 /// What this message says is all that is known, but for the skew.
@@ -199,18 +197,14 @@ static void use(clock_track_t *self, const reading_t *reading, bool queued) {
     }
     const uint64_t late_q8 = above_q8 < 0 ? (uint64_t)-above_q8 : 0;
     const uint32_t capped_q8 = at_most(late_q8, self->mean_q8 * 8 + 64 * Q8);
-    if (!is_coarse(self)) {
-        self->mean_q8 = self->mean_q8 - self->mean_q8 / 128 + capped_q8 / 128;
-    }
+    self->mean_q8 = self->mean_q8 - self->mean_q8 / 128 + capped_q8 / 128;
     if (above_q8 > 0) {
         if (above_q8 > (int64_t)self->noise_q8 + self->wander_q8 + tick_q8(self)) {
             self->doubt_early_us = at_most((uint64_t)above_q8 / Q8 + 1, LATE_US);
             self->doubt_early_blocks = 0;
         }
-        if (!is_coarse(self)) {
-            self->line.ahead_q8 += above_q8;
-            self->open_best_q8 -= above_q8;
-        }
+        self->line.ahead_q8 += above_q8;
+        self->open_best_q8 -= above_q8;
     }
     if (!queued) {
         remember(self, above_q8 > 0 ? 0 : above_q8);

@@ -7,12 +7,15 @@
 /// that the oscillators allow is used: how far the lines are apart says how much they wander (docs/DESIGN.md,
 /// "Time on the GAP8"). A delay that all messages share cannot be seen and is not in the bound.
 ///
-/// In ticks of more than 0.1 ms no message shows that edge. There blocks keep the means of their messages,
-/// the line goes among them, and it is lifted by the mean delay, which their scatter shows. Delays of less
-/// than a fifth of a tick hardly move a message from one tick to the next: it may then be half a tick off.
+/// In ticks of more than 0.1 ms no message shows that edge to less than a tick. There the blocks' means say
+/// more: a line among them, lifted by the mean delay, which messages' scatter shows. It is used while the
+/// blocks agree that clocks and delays are steady and nothing speaks against the edge; it never leaves the
+/// edge by more than a tick. Delays of less than a fifth of a tick hardly move a message from one tick to the
+/// next: it may then be half a tick off.
 ///
-/// Integers only. A message costs one multiplication and no division, and once per block a pass over 64
-/// points. The clocks are raw readings of 32 bits or more, which may wrap; differences are taken in 32 bits.
+/// Integers only. A message costs one multiplication (in coarse ticks three) and no division, and once per
+/// block some passes over 64 points. The clocks are raw readings of 32 bits or more, which may wrap;
+/// differences are taken in 32 bits.
 #ifndef SPINDECK_CORE_CLOCK_H
 #define SPINDECK_CORE_CLOCK_H
 
@@ -39,17 +42,21 @@ typedef struct {
 } clock_known_t;
 
 typedef struct {
-    int32_t gap8_us;  ///< of the earliest message, or their mean; after the anchor
-    int32_t ahead_us; ///< its T - G
-    uint16_t count;   ///< messages; 0: the block is empty
+    int32_t gap8_us;    ///< of the earliest message, after the anchor
+    int32_t ahead_us;   ///< its T - G
+    uint16_t count;     ///< messages; 0: the block is empty
+    uint16_t below_us;  ///< in coarse ticks: by how much their mean is below it,
+    uint16_t spread_us; ///< and their deviation from it; the most: nothing can be said of them
 } clock_block_t;
 
-/// Of a block's messages, where ticks are coarse.
+/// Of a block's messages, where ticks are coarse; from the first of them.
 typedef struct {
-    int64_t gap8_us;
-    int64_t ahead_us;
-    uint64_t square_q16; ///< of their distance from the line of means
-    uint32_t late;       ///< so much that they are not among these
+    int64_t y_us; ///< how far they are above the line through it
+    uint64_t square_us;
+    int32_t gap8_us;
+    int32_t ahead_us;
+    uint16_t count;
+    uint16_t late; ///< so much that they are not among these
 } clock_sums_t;
 
 /// b + s g, of T - G in us * 256, g in us after the anchor.
@@ -57,6 +64,13 @@ typedef struct {
     int64_t ahead_q8;
     int32_t skew_q31;
 } clock_line_t;
+
+/// The line of blocks' means in coarse ticks, lifted to where no message is late.
+typedef struct {
+    clock_line_t line;
+    uint32_t noise_q8;
+    uint32_t count; ///< messages; 0: there is none
+} clock_means_t;
 
 /// How far the line of a window has been from that of half its length: means over `count` blocks.
 typedef struct {
@@ -107,9 +121,8 @@ typedef struct {
     uint32_t block_us;    ///< length of a block
     clock_block_t open;   ///< block under way
     int64_t open_best_q8; ///< its best message against the line
-    clock_sums_t open_sums;
-    uint64_t scatter_q16; ///< mean square of messages about the line of their means, of coarse ticks,
-    uint8_t scatter_fill; ///< over so many blocks
+    clock_sums_t sums;
+    clock_means_t means;
     int32_t open_begin_us;
     uint64_t held_stm32_us; ///< first of the messages that agree with each other and not with the line
     uint64_t held_gap8_us;

@@ -5,54 +5,31 @@
 enum {
     BLOCK_FIRST_US = 31250,
     HISTORY_MAX_US = 20000000,
-    COUNT_MAX = UINT16_MAX / 4, ///< messages of a block
-    LATE_MEANS = 8,
-    LATE_MOST = 4,
-    OFF_MAX_Q8 = 1 << 24,
 };
 
 static void open_block(clock_track_t *self, int32_t gap8_us) {
     self->open = (clock_block_t){0};
-    self->open_sums = (clock_sums_t){0};
+    self->sums = (clock_sums_t){0};
     self->open_begin_us = gap8_us;
 }
 
 void clock_track_blocks_begin(clock_track_t *self) {
     self->blocks_fill = 0;
+    self->means.count = 0;
     self->block_us = BLOCK_FIRST_US;
     open_block(self, 0);
 }
 
-/// Few that are far too late are left out, for they would move the mean; many are not.
-static bool add_up(clock_track_t *self, int32_t gap8_us, int32_t ahead_us, int64_t above_q8) {
-    const int64_t most_late_q8 = (int64_t)self->mean_q8 * LATE_MEANS + tick_q8(self);
-    if (self->fitted && -above_q8 > most_late_q8 &&
-        self->open_sums.late <= (uint32_t)self->open.count + LATE_MOST) {
-        self->open_sums.late++;
-        return false;
-    }
-    self->open_sums.gap8_us += gap8_us;
-    self->open_sums.ahead_us += ahead_us;
-    const int64_t off_q8 = above_q8 + clock_track_means_below(self);
-    const uint64_t capped_q8 = at_most((uint64_t)(off_q8 < 0 ? -off_q8 : off_q8), OFF_MAX_Q8);
-    self->open_sums.square_q16 += capped_q8 * capped_q8;
-    return true;
-}
-
 void clock_track_blocks_add(clock_track_t *self, int32_t gap8_us, int32_t ahead_us, int64_t above_q8) {
-    if (self->open.count == COUNT_MAX) {
-        return;
-    }
     if (is_coarse(self)) {
-        if (!add_up(self, gap8_us, ahead_us, above_q8)) {
-            return;
-        }
-    } else if (self->open.count == 0 || above_q8 > self->open_best_q8) {
+        clock_track_scatter_add(self, gap8_us, ahead_us, above_q8);
+    }
+    if (self->open.count == 0 || above_q8 > self->open_best_q8) {
         self->open_best_q8 = above_q8;
         self->open.gap8_us = gap8_us;
         self->open.ahead_us = ahead_us;
     }
-    self->open.count++;
+    self->open.count = (uint16_t)(self->open.count < UINT16_MAX / 4 ? self->open.count + 1 : UINT16_MAX / 4);
 }
 
 void clock_track_blocks_drop(clock_track_t *self, uint8_t count) {
@@ -72,32 +49,26 @@ static void rebase(clock_track_t *self) {
     }
 }
 
-/// The better of two neighbours under the line's skew, or their mean.
-static clock_block_t merged(const clock_track_t *self, clock_block_t a, clock_block_t b) {
-    const clock_line_t *line = &self->line;
+/// The better of two neighbours under the line's skew.
+static clock_block_t merged(const clock_line_t *line, clock_block_t a, clock_block_t b) {
     const int64_t a_q8 = (int64_t)a.ahead_us * Q8 - line_at(line, a.gap8_us);
     const int64_t b_q8 = (int64_t)b.ahead_us * Q8 - line_at(line, b.gap8_us);
-    const clock_block_t *better = is_coarse(self) || a_q8 > b_q8 ? &a : &b;
-    const uint32_t count = (uint32_t)a.count + b.count;
-    if (is_coarse(self)) {
-        a.gap8_us += (int32_t)(((int64_t)b.gap8_us - a.gap8_us) * b.count / (int64_t)count);
-        a.ahead_us += (int32_t)(((int64_t)b.ahead_us - a.ahead_us) * b.count / (int64_t)count);
-    }
-    return (clock_block_t){better->gap8_us, better->ahead_us, (uint16_t)at_most(count, UINT16_MAX / 2)};
+    clock_block_t better = a_q8 > b_q8 ? a : b;
+    const int64_t apart_us = (a_q8 > b_q8 ? a_q8 - b_q8 : b_q8 - a_q8) / Q8;
+    clock_track_scatter_merge(&better, a_q8 > b_q8 ? &b : &a, apart_us);
+    better.count = (uint16_t)at_most((uint64_t)a.count + b.count, UINT16_MAX / 2);
+    return better;
 }
 
 void clock_track_blocks_close(clock_track_t *self, int32_t gap8_us) {
+    self->means.count = 0;
     if (is_coarse(self)) {
-        self->open.gap8_us = (int32_t)(self->open_sums.gap8_us / self->open.count);
-        self->open.ahead_us = (int32_t)(self->open_sums.ahead_us / self->open.count);
-        if (self->fitted) {
-            clock_track_scatter(self);
-        }
+        clock_track_scatter_close(self);
     }
     const int32_t after_us = gap8_us - self->open.gap8_us;
     if (self->blocks_fill == CLOCK_BLOCKS && self->block_us < BLOCK_LAST_US) {
         for (uint8_t i = 0; i < CLOCK_BLOCKS / 2; i++) {
-            self->blocks[i] = merged(self, self->blocks[2 * i], self->blocks[2 * i + 1]);
+            self->blocks[i] = merged(&self->line, self->blocks[2 * i], self->blocks[2 * i + 1]);
         }
         self->blocks_fill = CLOCK_BLOCKS / 2;
         self->block_us *= 2;

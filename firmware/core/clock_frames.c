@@ -8,8 +8,10 @@ enum {
     SPAN_US = 1000000000,  ///< of a line: differences keep to 32 bits
     MEAN_Q8_MAX = 1 << 27, ///< of which 14 keep to 32 bits
     Q16 = 65536,
-    COARSE_STEPS =
-        5, ///< of coarse ticks every fifth frame is kept: the longer they span, the more they spread
+    // Of coarse ticks few frames are kept, so that they span more of what the clocks drift by: every fifth or
+    // sixth in turn, for all of one pace might be at the same place in the tick.
+    COARSE_STEPS = 5,
+    COARSE_APART_US = 160000,
     ABOVE_Q8_MAX = 1 << 25,
     LATEST_MEANS_10THS = 46, ///< 99 % of exponential latencies are less
 };
@@ -41,6 +43,11 @@ static bool above(const clock_track_t *self, uint8_t a, uint8_t b, uint8_t c) {
            (reading(self, c) - at) * (number(self, b) - from);
 }
 
+/// How far a reading is above the line.
+static int64_t above_q8(const clock_track_t *self, const frames_line_t *line, uint8_t back) {
+    return (int64_t)reading(self, back) * Q8 - line->last_q8 - line->period_q16 * number(self, back) / Q8;
+}
+
 /// Of two frames or more. A reading can only be late: the edge of the lower hull over the mean of the frames'
 /// numbers.
 static frames_line_t lower_line(const clock_track_t *self) {
@@ -65,7 +72,7 @@ static frames_line_t lower_line(const clock_track_t *self) {
     line.last_q8 = (int64_t)reading(self, newer) * Q8 - line.period_q16 * number(self, newer) / Q8;
     int64_t late_q8 = 0;
     for (uint8_t i = 0; i < self->frames_fill; i++) {
-        late_q8 += (int64_t)reading(self, i) * Q8 - line.last_q8 - line.period_q16 * number(self, i) / Q8;
+        late_q8 += above_q8(self, &line, i);
     }
     line.mean_q8 = late_q8 < 0 ? 0 : at_most((uint64_t)late_q8 / self->frames_fill, MEAN_Q8_MAX);
     return line;
@@ -96,7 +103,9 @@ static uint32_t steps(const clock_track_t *self, uint32_t gap8_us) {
 static bool keep(clock_track_t *self, uint32_t gap8_us, uint32_t *after) {
     const uint32_t count = self->frames_fill == 0 ? 0 : steps(self, gap8_us);
     *after = 0;
-    if (is_coarse(self) && count > 0 && count < COARSE_STEPS && self->frames_fill > 1) {
+    const int32_t since_us = (int32_t)(gap8_us - self->frames_gap8_us[self->frames_head]);
+    const bool is_close = count < COARSE_STEPS || since_us < COARSE_APART_US;
+    if (is_coarse(self) && count > 0 && is_close && self->frames_fill > 1) {
         self->frames_off = 0;
         *after = count;
         return self->frames_fill >= FRAMES_MIN;
@@ -118,19 +127,44 @@ static bool keep(clock_track_t *self, uint32_t gap8_us, uint32_t *after) {
     return self->frames_fill >= FRAMES_MIN;
 }
 
+static clock_least_squares_t among(const clock_track_t *self, const frames_line_t *line) {
+    clock_moments_t moments = {0};
+    for (uint8_t i = 0; i < self->frames_fill; i++) {
+        const int64_t each_q8 = above_q8(self, line, i);
+        clock_moments_add(&moments, 1, number(self, i), each_q8 < ABOVE_Q8_MAX ? each_q8 : ABOVE_Q8_MAX);
+    }
+    return clock_moments_line(&moments);
+}
+
+/// Readings of an even pace are apart by no more than a tick and their latency: of a pace that has changed
+/// the older half is left out.
+static frames_line_t straight_line(clock_track_t *self) {
+    const int64_t most_q8 = (int64_t)tick_q8(self) * 3 / 2 + 2 * (int64_t)self->known.latency_us * Q8;
+    while (true) {
+        const frames_line_t line = lower_line(self);
+        const clock_least_squares_t middle = among(self, &line);
+        int64_t low_q8 = INT64_MAX;
+        int64_t high_q8 = INT64_MIN;
+        for (uint8_t i = 0; i < self->frames_fill; i++) {
+            const int64_t off_q8 =
+                above_q8(self, &line, i) - clock_least_squares_at(&middle, number(self, i));
+            low_q8 = off_q8 < low_q8 ? off_q8 : low_q8;
+            high_q8 = off_q8 > high_q8 ? off_q8 : high_q8;
+        }
+        if (high_q8 - low_q8 <= most_q8 || self->frames_fill < 2 * FRAMES_MIN) {
+            return line;
+        }
+        self->frames_fill /= 2;
+    }
+}
+
 /// Of coarse ticks: from the reading to the line among the readings instead of below them, for lateness is
 /// small against a tick. `after`: periods since the newest frame that is kept.
 static int32_t coarse_shift(const clock_track_t *self, const frames_line_t *line, uint32_t gap8_us,
                             uint32_t after) {
-    clock_moments_t moments = {0};
-    for (uint8_t i = 0; i < self->frames_fill; i++) {
-        const int64_t below_q8 = line->last_q8 + line->period_q16 * number(self, i) / Q8;
-        const int64_t above_q8 = (int64_t)reading(self, i) * Q8 - below_q8;
-        clock_moments_add(&moments, 1, number(self, i), above_q8 < ABOVE_Q8_MAX ? above_q8 : ABOVE_Q8_MAX);
-    }
-    const clock_least_squares_t among = clock_moments_line(&moments);
-    const int64_t above_q8 = among.mean_y + among.slope_q16 * ((int64_t)after - among.mean_x) / Q16;
-    const int64_t end_q8 = line->last_q8 + line->period_q16 * after / Q8 + above_q8;
+    const clock_least_squares_t middle = among(self, line);
+    const int64_t end_q8 =
+        line->last_q8 + line->period_q16 * after / Q8 + clock_least_squares_at(&middle, after);
     const int64_t read_q8 = (int64_t)(int32_t)(gap8_us - self->frames_gap8_us[self->frames_head]) * Q8;
     const int64_t latency_q8 = (int64_t)self->known.latency_us * Q8;
     const int64_t tick = tick_q8(self);
@@ -149,7 +183,7 @@ clock_reading_t clock_track_frame(clock_track_t *self, uint64_t gap8_us, bool re
     if (!keep(self, (uint32_t)gap8_us, &after)) {
         return alone;
     }
-    const frames_line_t line = lower_line(self);
+    const frames_line_t line = is_coarse(self) ? straight_line(self) : lower_line(self);
     if (is_coarse(self)) {
         return (clock_reading_t){coarse_shift(self, &line, (uint32_t)gap8_us, after), alone.spread_q8 / 2};
     }

@@ -89,12 +89,18 @@ typedef struct {
 /// |x| < 2^16, |y| < 2^26; all weights together less than 2^14.
 void clock_moments_add(clock_moments_t *self, int64_t weight, int64_t x, int64_t y);
 clock_least_squares_t clock_moments_line(const clock_moments_t *self);
-/// The line of these blocks' means, lifted to where no message is late. `tilted`: its skew is known.
-clock_line_t clock_track_means(const clock_track_t *self, uint8_t blocks, bool is_tilted);
-/// By how much a message is below that line on average.
-uint32_t clock_track_means_below(const clock_track_t *self);
-/// The open block is full: how messages scatter, of which a part is the ticks and the rest their delays.
-void clock_track_scatter(clock_track_t *self);
+int64_t clock_least_squares_at(const clock_least_squares_t *self, int64_t x);
+/// A message, into the open block's sums.
+void clock_track_scatter_add(clock_track_t *self, int32_t gap8_us, int32_t ahead_us, int64_t above_q8);
+/// The open block is full.
+void clock_track_scatter_close(clock_track_t *self);
+/// `better` shall have the messages of `other`, too, whose earliest is so much below its own; before the
+/// counts are added.
+void clock_track_scatter_merge(clock_block_t *better, const clock_block_t *other, int64_t apart_us);
+/// The line of the blocks' means, if there is one that can be trusted.
+void clock_track_means(clock_track_t *self);
+/// That line, as far as the edge allows.
+clock_line_t clock_track_line(const clock_track_t *self, int32_t gap8_us);
 
 // clock_window.c
 /// The line of the blocks as they are now. Blocks that the newest contradict for long enough are given up.

@@ -21,6 +21,11 @@ static uint32_t doubt_us(const clock_track_t *self) {
     return most;
 }
 
+/// The line of coarse ticks' means is of use as long as nothing speaks against the edge.
+static bool has_means(const clock_track_t *self) {
+    return self->means.count > 0 && doubt_us(self) == 0;
+}
+
 /// For how long the line has been used beyond the blocks that it goes through, more than blocks take anyway.
 static uint32_t reach_us(const clock_track_t *self, uint64_t gap8_us) {
     const int64_t beyond_us = (int64_t)passed(self->anchor_gap8_us, gap8_us) - 2 * (int64_t)self->block_us;
@@ -45,8 +50,12 @@ static uint16_t state_flags(const clock_track_t *self, uint64_t gap8_us, uint32_
 /// wanders by the square.
 static uint64_t bound_us(const clock_track_t *self, uint64_t gap8_us, uint32_t spread_q8) {
     const uint64_t reach_q8 = Q8 + (uint64_t)reach_us(self, gap8_us) * 2 * Q8 / (self->window_us + 1);
+    if (has_means(self)) {
+        return (self->means.noise_q8 * reach_q8 / Q8 + tick_q8(self) + spread_q8) / Q8 + 1;
+    }
     const uint64_t wander_q8 = self->wander_q8 * reach_q8 / Q8 * reach_q8 / Q8;
-    return (self->noise_q8 * reach_q8 / Q8 + wander_q8 + tick_q8(self) + spread_q8) / Q8 + 1 + doubt_us(self);
+    const uint32_t ticks_q8 = is_coarse(self) ? 2 * tick_q8(self) : tick_q8(self);
+    return (self->noise_q8 * reach_q8 / Q8 + wander_q8 + ticks_q8 + spread_q8) / Q8 + 1 + doubt_us(self);
 }
 
 /// The known delay in GAP8 time. It is the STM32's crystal that sets it, and of the two clocks' skew only
@@ -91,8 +100,8 @@ void clock_track_stamp(clock_track_t *self, uint64_t gap8_us, bool regular, cloc
     const int32_t line_us = after_us + (int32_t)(after_q8 / Q8);
     // Both readings of a message are rounded down, and the earliest of many shows it.
     const int64_t rounded_q8 = coarse ? (int64_t)tick_q8(self) - Q8 / 2 : Q8 / 4;
-    const int64_t ahead_q8 =
-        line_at(&self->line, line_us) + after_q8 + reading.shift_q8 - rounded_q8 + Q8 / 2;
+    const clock_line_t line = has_means(self) ? clock_track_line(self, line_us) : self->line;
+    const int64_t ahead_q8 = line_at(&line, line_us) + after_q8 + reading.shift_q8 - rounded_q8 + Q8 / 2;
     const int64_t floor_us = ahead_q8 >= 0 ? ahead_q8 / Q8 : -((Q8 - 1 - ahead_q8) / Q8);
     const uint64_t stm32_us = self->anchor_stm32_us + (uint64_t)((int64_t)after_us + floor_us);
     // A clock of few bits wraps: the reading that is nearest to a message's.

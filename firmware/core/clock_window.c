@@ -40,13 +40,7 @@ static uint32_t tick_error(const clock_track_t *self, uint32_t count) {
     return clock_root((uint64_t)tick_q8(self) * self->mean_q8 / count);
 }
 
-/// In steps of 1/3 of what a line's end is off by, on average.
 static uint32_t per_message(const clock_track_t *self, uint32_t count, uint32_t times) {
-    if (is_coarse(self)) {
-        return at_most(((uint64_t)clock_root(self->scatter_q16 / count) * 9 / 16 + tick_q8(self) / 32) *
-                           times,
-                       (uint32_t)1 << 30);
-    }
     const uint64_t delays = (uint64_t)self->mean_q8 * times / count;
     return at_most(delays + (uint64_t)tick_error(self, count) * times / 4, (uint32_t)1 << 30);
 }
@@ -60,7 +54,7 @@ static uint32_t low_by(const clock_track_t *self, uint32_t count, uint32_t point
 /// The edge of the upper hull of the newest blocks, two or more, that spans their mean time: of all lines
 /// above all points it is the one with the least sum of distances. It is too low by 2 mean delays per
 /// message.
-static fit_t edge(const clock_track_t *self, uint8_t blocks) {
+static fit_t fit(const clock_track_t *self, uint8_t blocks) {
     const clock_block_t *from = self->blocks + self->blocks_fill - blocks;
     uint8_t hull[CLOCK_BLOCKS] = {0};
     uint8_t fill = 0;
@@ -100,17 +94,9 @@ static fit_t edge(const clock_track_t *self, uint8_t blocks) {
     return result;
 }
 
-static fit_t fit(const clock_track_t *self, uint8_t blocks) {
-    if (!is_coarse(self)) {
-        return edge(self, blocks);
-    }
-    const clock_block_t *from = self->blocks + self->blocks_fill - blocks;
-    const bool is_tilted = self->skewed && self->blocks[0].gap8_us > -SKEW_SPAN_US;
-    fit_t result = {clock_track_means(self, blocks, is_tilted), 0, (uint32_t)-from[0].gap8_us};
-    for (uint8_t i = 0; i < blocks; i++) {
-        result.count += from[i].count;
-    }
-    return result;
+/// Lines of coarse ticks may be apart by so much when nothing is wrong.
+static uint32_t blurred_q8(const clock_track_t *self) {
+    return is_coarse(self) ? hidden_q8(self) : 0;
 }
 
 /// How far the line of window i + 1 is from that of half its length, at the end of the time that it will
@@ -167,7 +153,8 @@ static void choose(clock_track_t *self) {
     for (uint8_t i = 1; i < count; i++) {
         const clock_apart_t *apart = &self->apart[i - 1];
         if (apart->newest_q8 > per_message(self, fits[i - 1].count, 40)) {
-            const bool unusual = squared(apart->newest_q8) > UNUSUAL * apart->square_q16;
+            const bool unusual = squared(apart->newest_q8) > UNUSUAL * apart->square_q16 &&
+                                 apart->newest_q8 > blurred_q8(self);
             torn_us = unusual ? at_most(apart->newest_q8 / Q8, LATE_US) : 0;
             break;
         }
@@ -188,7 +175,7 @@ static void choose(clock_track_t *self) {
     for (uint8_t i = 0; i < best; i++) {
         const int64_t apart_q8 = fits[i].line.ahead_q8 - fits[best].line.ahead_q8;
         const uint64_t far_q8 = (uint64_t)(apart_q8 < 0 ? -apart_q8 : apart_q8);
-        const uint32_t chance_q8 = per_message(self, fits[i].count, 24);
+        const uint32_t chance_q8 = per_message(self, fits[i].count, 24) + blurred_q8(self);
         if (far_q8 > chance_q8) {
             const uint32_t far_us = at_most(far_q8 / Q8, LATE_US);
             self->doubt_windows_us = far_us > self->doubt_windows_us ? far_us : self->doubt_windows_us;
@@ -198,8 +185,7 @@ static void choose(clock_track_t *self) {
 
 /// By how much a block lies below the line, more than ticks hide.
 static int64_t gap(const clock_track_t *self, const clock_block_t *block) {
-    const uint32_t below_q8 = is_coarse(self) ? clock_track_means_below(self) : 0;
-    return line_at(&self->line, block->gap8_us) - (int64_t)block->ahead_us * Q8 - hidden_q8(self) - below_q8;
+    return line_at(&self->line, block->gap8_us) - (int64_t)block->ahead_us * Q8 - hidden_q8(self);
 }
 
 /// By how much the newest blocks lie below the line when that is no chance; history that they contradict for
@@ -296,6 +282,7 @@ void clock_track_window_renew(clock_track_t *self) {
         starve(self);
         sag(self);
         stray(self);
+        clock_track_means(self);
     }
     if (self->window_us >= SKEW_KNOWN_US) {
         self->skewed = true;
