@@ -25,7 +25,7 @@ RTC_PARTS = 15625, 512
 """A step of it, and 1 us, in whole parts."""
 AT_ONCE = 8
 EVEN = 0.9
-"""Share of messages that are sent at even steps, if any are."""
+"""Share of them, seen a few at a time, that are sent at even steps, if any are."""
 SLOW = 84 / 85
 """Rate of a clock that counts 84 where 85 have passed, against a right one: STM32 firmware before August 2026."""
 JUMP_US = 20_000.0
@@ -96,7 +96,8 @@ def unwrap(raw: NDArray[np.uint64]) -> Ints:
 def tick_us(readings: NDArray[np.uint64] | Ints) -> float:
     """The step of a clock that is read in us: 1 ms, the 32768 Hz of a watch crystal, or 1 us. Steps may begin anywhere:
     a counter that started elsewhere, or has wrapped, has its own."""
-    some = np.asarray(readings)[: 100 * 1000 : max(1, len(readings) // 1000)].astype(np.int64)
+    first = np.asarray(readings)[: 100 * 1000]
+    some = first[:: max(1, len(first) // 1000)].astype(np.int64)
     if len(some) < AT_ONCE:
         return 1.0
     varied = len(np.unique(np.diff(some))) > 1  # A clock of 1 us that hears every 10 ms has steps of 1 ms too.
@@ -109,10 +110,11 @@ def sent_tick_us(readings: NDArray[np.uint64]) -> float:
     """As tick_us, of a clock that is read to be sent: at even steps of its own, which then say nothing of its ticks."""
     some: Ints = readings[:1000].astype(np.int64)
     steps = some[1:] - some[:-1]
-    if not len(steps):
+    if len(steps) < AT_ONCE:
         return 1.0
-    usual = max(int(np.median(steps)), 1)
-    return 1.0 if (steps % usual == 0).mean() > EVEN else tick_us(readings)
+    # Messages are lost, and their rate may be changed: each few steps have a measure of their own.
+    even = np.gcd.reduce(steps[: len(steps) // AT_ONCE * AT_ONCE].reshape(-1, AT_ONCE), axis=1)
+    return 1.0 if (even > 1000).mean() > EVEN else tick_us(readings)
 
 
 def on_grid(readings: Ints, step: int, us: int) -> bool:
@@ -212,7 +214,9 @@ def held_up(stm32_us: Ints, gap8_us: Ints) -> NDArray[np.bool_]:
     """Messages that came at once with others, which tell that they are late by more than delays scatter."""
     if len(stm32_us) < 2:
         return np.zeros(len(stm32_us), np.bool_)
-    at_once = np.diff(gap8_us) < np.median(np.diff(stm32_us)) / 2
+    apart = np.diff(stm32_us)
+    # Nearer than they were sent: messages sent faster than most are no crowd. And nearer than most: a leap is none.
+    at_once = np.diff(gap8_us) < np.minimum(apart, np.median(apart)) / 2
     begin = np.concatenate(([0], np.flatnonzero(~at_once) + 1))
     offset = gap8_us - stm32_us
     least = np.minimum.reduceat(offset, begin)

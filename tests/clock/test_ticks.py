@@ -145,6 +145,22 @@ def test_starvation_each_second() -> None:
     assert np.quantile(error, 0.95) < 6
 
 
+@pytest.mark.parametrize("slow", [1.0, 84 / 85])
+@pytest.mark.parametrize(("before_us", "then_us"), [(166_667, 66_667), (66_667, 10_000)])
+def test_messages_that_come_faster_than_most_are_not_late(slow: float, before_us: int, then_us: int) -> None:
+    """A message with each frame, on a clock of 1 ms, and the frames' rate is changed."""
+    rng = np.random.default_rng(1)
+    at_us = np.cumsum(np.concatenate((np.full(800, before_us), np.full(700, then_us))))
+    gap8_us = np.maximum.accumulate((at_us + 1477 + rng.exponential(300, len(at_us))).astype(np.int64))
+    stm32_us = (at_us * slow).astype(np.int64) // 1000 * 1000
+    frames = np.arange(at_us[0] + 500_000, at_us[-1] - 100_000, 66_667).astype(np.uint64)
+    after = np.searchsorted(gap8_us, frames)
+    got = stamp(stm32_us.astype(np.uint64), gap8_us.astype(np.uint64), frames, after, None, 1477.0, 1000.0)
+    assert (len(got.fitted), got.sorted.dropped, got.refused) == (1, {}, {})
+    assert not got.held_over.any()
+    assert (np.abs(got.stm32_us - frames[got.frame] * slow) <= got.bound_us).all()
+
+
 def test_hours() -> None:
     """84/85 against a right clock: 64 s apart in the end, and nothing overflows."""
     made = run(replace(LINK, seconds=5400, fps=0.1), 7)
@@ -271,6 +287,29 @@ def test_ticks_of_what_is_sent_at_even_steps_are_not_seen() -> None:
         assert sent_tick_us(readings.astype(np.uint64)) == 1.0
     assert sent_tick_us((at // 1000 * 1000).astype(np.uint64)) == 1000.0
     assert sent_tick_us((at * 32768 // 10**6 * 10**6 // 32768).astype(np.uint64)) == 1e6 / 32768
+
+
+@pytest.mark.parametrize("loss", [0.5, 0.7, 0.9])
+def test_even_steps_are_recognised_though_most_are_lost(loss: float) -> None:
+    kept = np.random.default_rng(7).random(20_000) >= loss
+    at = 10_000 * np.flatnonzero(kept)
+    assert sent_tick_us(at.astype(np.uint64)) == 1.0
+    at = 9_882 * np.flatnonzero(kept) // 1000 * 1000
+    assert sent_tick_us(at.astype(np.uint64)) == 1000.0
+
+
+@pytest.mark.parametrize("then_us", [5_000, 11_000, 15_000, 100_000])
+def test_even_steps_may_change(then_us: int) -> None:
+    at = 345 + np.cumsum(np.concatenate((np.full(500, 10_000), np.full(500, then_us))))
+    assert sent_tick_us(at.astype(np.uint64)) == 1.0
+
+
+@pytest.mark.parametrize("readings", [90_000, 150_000, 15_000_000])
+def test_ticks_of_many_readings_are_recognised(readings: int) -> None:
+    at = 9_973 * np.arange(readings)
+    assert tick_us(at) == 1.0
+    at -= at % 1000
+    assert tick_us(at) == 1000.0
 
 
 def test_ticks_are_recognised() -> None:

@@ -208,6 +208,17 @@ def test_a_robot_without_stamps_gives_no_time() -> None:
     }
 
 
+def test_times_found_afterwards_are_good_though_most_stamps_are_lost() -> None:
+    with World("hover", seed=3, uart1_loss=0.7, **SMALL) as world:
+        robot = world.listen(0, "native")
+        robot.run(24)
+        later = restamped(robot)
+    assert later.found.stm32_tick_us == 1
+    assert not later.found.refused
+    assert np.median(later.found.bound_us) < 30
+    assert later.wrong.mean() <= 0.015
+
+
 def test_what_a_frame_says_of_its_clocks_is_so() -> None:
     clocks = {"stm32_ppm": 30, "gap8_ppm": -170, "stm32_walk_ppb": 0, "gap8_walk_ppb": 0}
     with World("hover", uart1_jitter_us=500, camera_jitter_us=40, **clocks, **SMALL) as world:
