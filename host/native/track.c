@@ -31,30 +31,36 @@ static state_t update(state_t s, double value, double variance) {
     };
 }
 
-/// What is known of `s` when its successor is known to be `next`, and was predicted to be `p` from it.
-static state_t look_back(state_t s, state_t p, state_t next, double dt) {
+/// Adds A S A^T to `to`; A is {{a00, a01}, {a10, a11}}.
+static void add(state_t *to, double a00, double a01, double a10, double a11, state_t s) {
+    to->oo += a00 * (a00 * s.oo + a01 * s.orr) + a01 * (a00 * s.orr + a01 * s.rr);
+    to->orr += a10 * (a00 * s.oo + a01 * s.orr) + a11 * (a00 * s.orr + a01 * s.rr);
+    to->rr += a10 * (a10 * s.oo + a11 * s.orr) + a11 * (a10 * s.orr + a11 * s.rr);
+}
+
+/// What is known of `s` when its successor is known to be `next`, `dt` later. Only sums of what is positive:
+/// where nothing was known of `s`, a difference of covariances would be all rounding.
+static state_t look_back(state_t s, state_t next, double dt, double wander) {
+    const state_t sure = predict(s, dt, 0); // without the wander
+    const state_t p = predict(s, dt, wander);
+    const state_t q = {.oo = wander * dt * dt * dt / 3, .orr = wander * dt * dt / 2, .rr = wander * dt};
     const double det = p.oo * p.rr - p.orr * p.orr;
     if (!(det > 0)) {
         return s;
     }
-    const double o0 = s.oo + dt * s.orr; // rows of: covariance of s, times the transposed transition
-    const double r0 = s.orr + dt * s.rr;
-    const double c00 = (o0 * p.rr - s.orr * p.orr) / det;
-    const double c01 = (s.orr * p.oo - o0 * p.orr) / det;
-    const double c10 = (r0 * p.rr - s.rr * p.orr) / det;
-    const double c11 = (s.rr * p.oo - r0 * p.orr) / det;
-    const double error_o = next.offset - p.offset;
-    const double error_r = next.rate - p.rate;
-    const double d00 = next.oo - p.oo;
-    const double d01 = next.orr - p.orr;
-    const double d11 = next.rr - p.rr;
-    return (state_t){
-        .offset = s.offset + c00 * error_o + c01 * error_r,
-        .rate = s.rate + c10 * error_o + c11 * error_r,
-        .oo = s.oo + c00 * (c00 * d00 + c01 * d01) + c01 * (c00 * d01 + c01 * d11),
-        .orr = s.orr + c00 * (c10 * d00 + c11 * d01) + c01 * (c10 * d01 + c11 * d11),
-        .rr = s.rr + c10 * (c10 * d00 + c11 * d01) + c11 * (c10 * d01 + c11 * d11),
+    // Q P^-1: how much of what lies between the prediction and the successor is wander.
+    const double k00 = (q.oo * p.rr - q.orr * p.orr) / det;
+    const double k01 = (q.orr * p.oo - q.oo * p.orr) / det;
+    const double k10 = (q.orr * p.rr - q.rr * p.orr) / det;
+    const double k11 = (q.rr * p.oo - q.orr * p.orr) / det;
+    state_t m = {
+        .offset = next.offset + k00 * (p.offset - next.offset) + k01 * (p.rate - next.rate),
+        .rate = next.rate + k10 * (p.offset - next.offset) + k11 * (p.rate - next.rate),
     };
+    add(&m, 1 - k00, -k01, -k10, 1 - k11, next);
+    add(&m, 1 - k00, -k01, -k10, 1 - k11, q);
+    add(&m, k00, k01, k10, k11, sure);
+    return predict(m, -dt, 0);
 }
 
 static void keep(double *work, state_t s) {
@@ -85,7 +91,7 @@ void track_smooth(size_t count, const double *times, const double *values, const
         if (i + 1 < count) {
             const double dt = times[i + 1] - times[i];
             const state_t here = kept(work + TRACK_WORK * i);
-            s = look_back(here, predict(here, dt, wander), s, dt);
+            s = look_back(here, s, dt, wander);
         }
         offsets[i] = s.offset;
         rates[i] = s.rate;
