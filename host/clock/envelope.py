@@ -117,6 +117,8 @@ COARSE_US = 100.0
 LATE_MEANS = 8.0
 """Few messages this late are left out of means."""
 MU_COARSE_PAIRS = 4096
+EDGE_PAIRS = (256, 4096)
+"""Messages whose least is held against the curve of means: few show a curve that swings, many sweep over ticks."""
 UNEVEN = 0.1
 """What delays do not even out, in ticks."""
 
@@ -138,12 +140,28 @@ def mean_noise(blocks: Blocks, mu_us: Floats, tick_us: float) -> Floats:
 
 
 def spread_delay(time_s: Floats, delay_us: Floats, tick_us: float) -> tuple[Floats, Floats]:
-    """As mean_delay, of coarse ticks: their share of the scatter is known."""
+    """As mean_delay, of coarse ticks: their share of the scatter is known, and exponential delays are as long on
+    average as they scatter."""
     chunk = min(MU_COARSE_PAIRS, len(delay_us))
     whole = len(delay_us) // chunk * chunk
     variance = delay_us[:whole].reshape(-1, chunk).var(axis=1)
     mu = np.sqrt(np.maximum(variance - tick_us**2 / 12, 0))
     return time_s[:whole].reshape(-1, chunk).mean(axis=1), np.maximum(mu, 1.0)
+
+
+def off_edge(
+    time_s: Floats, delay_us: Floats, mu_us: Floats, tick_us: float, phase: Floats | None, at_s: Floats
+) -> Floats:
+    """How far the edge lies from where exponential delays of such mean have it. Delays that are not exponential have
+    another mean than spread_delay says; nothing else tells of it."""
+    every_s = float(time_s[-1] - time_s[0]) / len(time_s)
+    most = np.zeros(len(at_s))
+    for pairs in EDGE_PAIRS:
+        blocks = block_minima(time_s, delay_us, max(pairs * every_s, 1e-3), phase)
+        late, _ = edge(np.interp(blocks.time_s, time_s, mu_us), blocks.count, tick_us)
+        off = np.abs(blocks.value_us - late * (1 - blocks.phased))
+        most = np.maximum(most, np.interp(at_s, blocks.time_s, off))
+    return most
 
 
 def mean_delay(time_s: Floats, delay_us: Floats, tick_us: float) -> tuple[Floats, Floats]:

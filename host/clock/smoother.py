@@ -26,6 +26,7 @@ from .envelope import (
     edge,
     mean_delay,
     mean_noise,
+    off_edge,
     spread_delay,
     track,
 )
@@ -159,6 +160,9 @@ def smooth(
         sigmas.append(scatter)
     bound = COVERED * sigma + BIAS * np.maximum(bias, bend) + misfit(*finest, chosen)
     bound += kinks(*finest, grid, block, block_s)
+    if tick_us > COARSE_US and coarse_mu_us is None:
+        mu = np.interp(time_s, mu_time_s, mu_us)
+        bound += off_edge(time_s, offset_us - chosen.at(time_s), mu, tick_us, phase, grid)
     return Smoothed(chosen, bound, block, mu_time_s, mu_us, kept)
 
 

@@ -1,6 +1,7 @@
 """Times of frames from all messages of a recording, against the truth. SPINDECK_CLOCK_SEEDS=20 tries more seeds."""
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -90,6 +91,35 @@ def test_frames_of_one_pace_in_ticks_of_1_ms(link: Link, p95_us: float) -> None:
         error = np.abs(got.stm32_us - made.frame_true_us)
         assert np.quantile(error, 0.95) <= p95_us, f"seed {seed}"
         assert (error <= got.bound_us).mean() >= 0.985, f"seed {seed}"
+
+
+@pytest.mark.parametrize("seconds", [20.0, 200.0])
+@pytest.mark.parametrize("oscillator", ["presc85", "typ"])
+@pytest.mark.parametrize(
+    "delay_us",
+    [
+        lambda random, count: random.uniform(0, 2000, count),
+        lambda random, count: 50 + 3000.0 * (random.random(count) < 0.1),
+        lambda random, count: random.exponential(np.where(random.random(count) < 0.1, 3000, 100)),
+        lambda random, count: np.full(count, 50.0),
+    ],
+    ids=["uniform", "some-late", "two-exponentials", "constant"],
+)
+def test_delays_that_are_not_exponential_in_ticks_of_1_ms(
+    delay_us: Callable[[np.random.Generator, int], np.ndarray], oscillator: str, seconds: float
+) -> None:
+    """Their mean is not their scatter, so times are off by some 0.5 ms: the bound says so."""
+    inside, bounds = [], []
+    for seed in range(3):
+        random = np.random.default_rng(seed + 100)
+        link = Link(oscillator, 0.0, seconds=seconds, gap8_tick_us=1000.0)
+        made = run(replace(link, delay_us=lambda at_s, random=random: delay_us(random, len(at_s))), seed)
+        count = len(made.frame_gap8_us)
+        got = stamped(made, Readings(np.arange(count), np.zeros(count, np.int64), np.zeros(count)))
+        inside.append(np.abs(got.stm32_us - made.frame_true_us) <= got.bound_us)
+        bounds.append(got.bound_us)
+    assert np.concatenate(inside).mean() >= 0.985
+    assert np.median(np.concatenate(bounds)) <= 2000
 
 
 @pytest.mark.parametrize(
