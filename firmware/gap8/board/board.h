@@ -9,6 +9,7 @@
 #ifndef SPINDECK_GAP8_BOARD_BOARD_H
 #define SPINDECK_GAP8_BOARD_BOARD_H
 
+#include "../../board/barrier.h"
 #include "config.h"
 
 #include "registers.h"
@@ -56,9 +57,11 @@ static inline void soc_event_enable(uint32_t event) {
 /// What a DMA moves lies in L2, at a word.
 static inline void udma_start(udma_channel_t *channel, const volatile void *address, size_t size,
                               uint32_t cfg) {
+    memory_barrier();
     channel->address = (uint32_t)(uintptr_t)address;
     channel->size = (uint32_t)size;
     channel->cfg = cfg;
+    memory_barrier();
 }
 
 // startup.S

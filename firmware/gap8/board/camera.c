@@ -12,11 +12,13 @@ void camera_init(void) {
 
 void camera_start(const uint8_t command[GAP8_CAMERA_COMMAND_BYTES]) {
     slot = command[0];
+    memory_barrier();
     CAMERA->command[0] = load32_le(command);
     CAMERA->command[1] = load32_le(command + 4);
     CAMERA->address = (uint32_t)(uintptr_t)bodies[slot];
     CAMERA->size = sizeof bodies[slot];
     CAMERA->start = 1;
+    memory_barrier();
 }
 
 bytes_t camera_take(void) {

@@ -7,6 +7,7 @@
 #ifndef SPINDECK_STM32_BOARD_BOARD_H
 #define SPINDECK_STM32_BOARD_BOARD_H
 
+#include "../../board/barrier.h"
 #include "config.h"
 
 #include "registers.h"

@@ -23,8 +23,10 @@ bytes_mut_t storage_room(void) {
 
 bytes_t storage_begin(size_t size) {
     if (is_there()) {
+        memory_barrier();
         STORAGE->request = (uint32_t)storage.request;
         STORAGE->size = (uint32_t)size;
+        memory_barrier();
         return (bytes_t){storage.answer, 0};
     }
     storage.answer[0] = storage.request[0];
