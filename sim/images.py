@@ -5,12 +5,13 @@ from __future__ import annotations
 import bisect
 import functools
 import re
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from host.firmware import build, members
-from host.firmware.elf import loads, opened, source_name
+from host.firmware.elf import loads, opened, source_names
 from host.native import ffi, lib
 from host.protocol.errors import LocalError
 
@@ -37,17 +38,18 @@ class Image:
     """stm32 or gap8."""
     pointer: Any
     symbols: dict[str, tuple[int, int]]
-    """Address (without the Thumb bit) and size by name."""
+    """Address (without the Thumb bit) and size by name; a name that several have is none."""
+    places: list[tuple[int, int, str]]
+    """Address, size and name of all, by address."""
     keep: tuple[Any, ...]
     """What `pointer` points to."""
 
     def place(self, address: int) -> str:
         """The function or variable that an address is in, `name+0x12`, or nothing."""
-        table = sorted((start, size, name) for name, (start, size) in self.symbols.items())
-        at = bisect.bisect_right(table, (address, 1 << 32, "")) - 1
-        if at < 0 or not address < table[at][0] + max(table[at][1], 1):
+        at = bisect.bisect_right(self.places, (address, 1 << 32, "")) - 1
+        if at < 0 or not address < self.places[at][0] + max(self.places[at][1], 1):
             return ""
-        start, _, name = table[at]
+        start, _, name = self.places[at]
         return name if start == address else f"{name}+0x{address - start:x}"
 
     def members(self, variable: str) -> dict[str, members.Member]:
@@ -93,19 +95,24 @@ def _image(path: Path, elf: Any) -> Image:
     if table is None:
         raise LocalError(f"{path} has no symbols: build it without -s, and do not strip it")
     thumb = machine == "EM_ARM"
-    symbols = {
-        source_name(symbol.name): (
-            symbol["st_value"] & ~1 if thumb and kind == "STT_FUNC" else symbol["st_value"],
-            symbol["st_size"],
-        )
+    named = [
+        symbol
         for symbol in table.iter_symbols()
-        if (kind := symbol["st_info"]["type"]) in {"STT_FUNC", "STT_OBJECT", "STT_NOTYPE"}
+        if symbol["st_info"]["type"] in {"STT_FUNC", "STT_OBJECT", "STT_NOTYPE"}
         and symbol.name
-        and not symbol.name.startswith("$")
-    }
-    missing = [name for name in SYMBOLS.values() if name not in symbols]
-    if missing:
-        raise LocalError(f"{path} has no symbol {', '.join(missing)}: it was not built for this board")
+        and not symbol.name.startswith(("$", "."))
+    ]
+    code_mask = ~1 if thumb else ~0
+    places = [
+        (symbol["st_value"] & (code_mask if symbol["st_info"]["type"] == "STT_FUNC" else ~0), symbol["st_size"], name)
+        for symbol, name in zip(named, source_names(symbol.name for symbol in named), strict=True)
+    ]
+    count = Counter(name for _, _, name in places)
+    symbols = {name: (address, size) for address, size, name in places if count[name] == 1}
+    for name in SYMBOLS.values():
+        if name not in symbols:
+            many = count[name] or "no"
+            raise LocalError(f"{path} has {many} symbols called {name} instead of one: it was not built for this board")
     segments = [(segment["p_paddr"], bool(segment["p_flags"] & 1), segment.data()) for segment in loads(elf)]
     buffers = [ffi.from_buffer("uint8_t[]", data) for _, _, data in segments]
     array = ffi.new(
@@ -126,4 +133,4 @@ def _image(path: Path, elf: Any) -> Image:
         setattr(pointer, field, address)
         if field in SIZED:
             setattr(pointer, f"{field}_bytes", size)
-    return Image(path, mcu, pointer, symbols, (array, *buffers))
+    return Image(path, mcu, pointer, symbols, sorted(places), (array, *buffers))

@@ -15,7 +15,8 @@ static uint64_t stamp_period_us(const stm32_t *self) {
     return period_us == 0 ? STAMP_PERIOD_US : period_us;
 }
 
-int stm32_init(stm32_t *self, const stm32_config_t *config, instant_t now) {
+// The verbs are not inlined, so that sizes and faults are told by their names.
+__attribute__((noinline)) int stm32_init(stm32_t *self, const stm32_config_t *config, instant_t now) {
     if (config->wifi_mode > 2 || config->stamp_format > STM32_NANOCOCKPIT_US ||
         !has_nul(config->wifi_ssid, sizeof config->wifi_ssid) ||
         !has_nul(config->wifi_key, sizeof config->wifi_key)) {
@@ -165,7 +166,7 @@ static bool handle(stm32_t *self, const cpx_packet_t *packet, instant_t now) {
     }
 }
 
-int stm32_receive(stm32_t *self, stm32_port_t port, bytes_t in, instant_t now) {
+__attribute__((noinline)) int stm32_receive(stm32_t *self, stm32_port_t port, bytes_t in, instant_t now) {
     self->rests_us = 0;
     if (port == STM32_PORT_STORAGE) {
         self->answers_unknown += stm32_log_answer(&self->log, in, now) ? 0 : 1;
@@ -252,7 +253,8 @@ static size_t transmit_cpx(stm32_t *self, uint8_t *out, instant_t now) {
     return size;
 }
 
-size_t stm32_transmit(stm32_t *self, stm32_port_t port, bytes_mut_t out, instant_t now) {
+__attribute__((noinline)) size_t stm32_transmit(stm32_t *self, stm32_port_t port, bytes_mut_t out,
+                                                instant_t now) {
     if (out.size == 0) {
         return 0;
     }
@@ -291,7 +293,7 @@ static uint64_t others_us(const stm32_t *self) {
     return deadline_us;
 }
 
-uint64_t stm32_deadline(stm32_t *self) {
+__attribute__((noinline)) uint64_t stm32_deadline(stm32_t *self) {
     const uint64_t deadline_us = self->rests_us != 0 ? self->rests_us : others_us(self);
     // The caller comes by itself when the byte that is on its way has left.
     self->rests_us = self->uart2_busy ? 0 : deadline_us;

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,19 +97,23 @@ def read(path: Path) -> Contents:
         )
 
 
-def source_name(symbol: str) -> str:
-    """Without what gcc puts behind the name of a function that it has made another one of: f.constprop.0."""
-    return symbol.partition(".")[0]
+def source_names(symbols: Iterable[str]) -> list[str]:
+    """What each is called in the source: gcc puts more behind the name of what it has made another one of,
+    f.constprop.0. Where that would give two the name f, all keep theirs: f, f.cold."""
+    kept = list(symbols)
+    names = [symbol.partition(".")[0] or symbol for symbol in kept]
+    claims = Counter(names)
+    return [name if claims[name] == 1 else symbol for name, symbol in zip(names, kept, strict=True)]
 
 
 def functions(symbols: list[Any]) -> list[Function]:
     """One name for each address, the shortest, and the largest function first."""
     found: dict[int, Function] = {}
-    for symbol in symbols:
-        if symbol["st_info"]["type"] == "STT_FUNC" and symbol["st_size"]:
-            this = Function(source_name(symbol.name), symbol["st_value"], symbol["st_size"])
-            other = found.get(this.address, this)
-            found[this.address] = min(this, other, key=lambda each: (len(each.name), each.name))
+    code = [symbol for symbol in symbols if symbol["st_info"]["type"] == "STT_FUNC" and symbol["st_size"]]
+    for symbol, name in zip(code, source_names(symbol.name for symbol in code), strict=True):
+        this = Function(name, symbol["st_value"], symbol["st_size"])
+        other = found.get(this.address, this)
+        found[this.address] = min(this, other, key=lambda each: (len(each.name), each.name))
     return sorted(found.values(), key=lambda each: (-each.bytes, each.name))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ..protocol.errors import LocalError
 
 KIB = 1024
-# A function called once stays a function: sizes and faults are told by their names.
+# More functions stay functions with the last: sizes and faults are told by their names.
 WHOLE = ("-flto", "-flto-partition=one", "-fno-inline-functions-called-once")
 
 

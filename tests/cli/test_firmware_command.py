@@ -30,7 +30,7 @@ def test_build_writes_three_files_and_prints_what_takes_how_much(
     assert build(tmp_path / "new") == 0
     out = capsys.readouterr().out
     assert next(line for line in out.splitlines() if line.startswith("  flash ")).split()[2:4] == ["of", "1,048,576"]
-    assert "stm32_values_at" in out
+    assert "stm32_transmit" in out
     assert {path.name for path in (tmp_path / "new").iterdir()} == {
         "stm32.elf",
         "stm32.bin",

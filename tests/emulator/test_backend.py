@@ -113,7 +113,7 @@ def test_a_fault_ends_the_run_with_registers_pc_and_function(tmp_path: Path) -> 
         assert "breakpoint; pc=0x" in said
         assert " (stm32_receive) " in said
         assert all(f" {register}=0x" in said for register in ("lr", "sp", "xpsr", "r0", "r12"))
-        assert re.search(r" lr=0x[0-9a-f]+ \((main|on_usart)", said), "who has called it"
+        assert re.search(r" lr=0x[0-9a-f]+ \(service\+", said), "without a card, its first answer comes at once"
 
 
 def test_threads_change_nothing() -> None:
@@ -151,6 +151,13 @@ def test_an_image_that_fails_costs_no_card(threads: int, tmp_path: Path) -> None
     assert world.closed
     saved = [CardImage((tmp_path / f"card.{robot}.img").read_bytes()) for robot in range(4)]
     assert all(len(card.read(card.find("log00")).data) > 10_000 for card in saved)
+
+
+def test_an_image_with_two_symbols_of_a_name_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "twins.elf"
+    path.write_bytes(build("stm32").elf.read_bytes().replace(b"\0board_init_result\0", b"\0board_stamp_reset\0"))
+    with pytest.raises(LocalError, match=r"twins\.elf has 2 symbols called board_stamp_reset instead of one"):
+        World("hover", images={"stm32": path})
 
 
 def test_an_image_for_another_mcu_is_refused() -> None:

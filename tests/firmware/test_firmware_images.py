@@ -10,10 +10,15 @@ from cross_compilers import PAIRS, needs
 
 from host.firmware import build as building
 from host.firmware.build import build, key, sources_of, store
-from host.firmware.elf import read
+from host.firmware.elf import read, source_names
 from host.firmware.targets import TARGETS
 from host.firmware.toolchains import find
 
+STAY = {
+    "stm32": ("service", "stm32_init", "stm32_receive", "stm32_transmit", "stm32_deadline"),
+    "gap8": ("service",),
+}
+"""Functions that are not inlined, so that sizes and faults are told by their names."""
 pairs = pytest.mark.parametrize(("target", "toolchain"), PAIRS)
 
 
@@ -28,8 +33,26 @@ def test_links_without_a_warning_and_fits(target: str, toolchain: str) -> None:
     assert contents.stack_bytes == (16384 if target == "gap8" else 8192)
     assert all(0 < use.bytes <= use.of_bytes for use in contents.uses)
     assert {"board_config", "board_init_result", "board_app", "_stack_top", "_stack_limit"} <= set(contents.symbols)
+    names = {function.name for function in contents.functions}
+    assert {"main", *STAY.get(target, ())} <= names
     placed = [memory for part in contents.sections for memory in TARGETS[target].memories if memory.holds(part.address)]
     assert len(placed) == len(contents.sections), "a section lies in no memory of the chip"
+
+
+def test_a_name_of_the_source_is_that_of_one_symbol() -> None:
+    symbols = [
+        "f",
+        "f.part.0",
+        "g.constprop.0.isra.0",
+        "h.cold",
+        "h",
+        "out.lto_priv.0",
+        "out.lto_priv.1",
+        "in",
+        "in",
+        ".L1",
+    ]
+    assert source_names(symbols) == ["f", "f.part.0", "g", "h.cold", "h", *symbols[5:]]
 
 
 @pytest.mark.parametrize(("target", "toolchain"), [("stm32", "gcc"), ("gap8", "gcc"), ("gap8", "zig")])

@@ -109,8 +109,9 @@ static void set_alarm(void) {
     }
 }
 
-/// With the instant of the last interrupt: an app's time never goes back.
-static void service(void) {
+/// With the instant of the last interrupt: an app's time never goes back. Not inlined, so that sizes and
+/// faults tell it from main().
+__attribute__((noinline)) static void service(void) {
     const bool all = board.asked == ASK_ALL;
     board.asked = 0;
     ask_spi();
