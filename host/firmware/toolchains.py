@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 import shutil
 import subprocess
@@ -28,13 +29,13 @@ class Toolchain:
 
     name: str
     version: str
-    """As it calls itself: two builds with equal versions are equal."""
+    """As it calls itself, and what it cannot: two builds with equal versions are equal."""
     compile: tuple[str, ...]
     """The command and what is the target's own; also links."""
     link: tuple[str, ...]
     """At the end of a link."""
     whole: tuple[str, ...] = ()
-    """Target.gcc_whole."""
+    """Target.gcc_whole, if it can."""
 
 
 def find(target: Target, name: str | None = None) -> Toolchain:
@@ -44,7 +45,10 @@ def find(target: Target, name: str | None = None) -> Toolchain:
         raise LocalError(f"no toolchain {name!r}: {' or '.join(NAMES)}")
     if name in (None, "gcc") and (gcc := shutil.which(f"{target.gcc}-gcc")):
         version, command = first_line(gcc, "--version"), (gcc, *target.gcc_flags)
-        return Toolchain("gcc", version, command, ("-nostdlib", "-lgcc"), target.gcc_whole)
+        whole = target.gcc_whole
+        if whole and not accepts(*command, *whole):
+            version, whole = f"{version}, built without LTO: images are slower in the emulator", ()
+        return Toolchain("gcc", version, command, ("-nostdlib", "-lgcc"), whole)
     if name in (None, "zig") and target.zig_flags and (zig := zig_program()):
         # What these would add calls functions that are not there, or is never used. compiler-rt comes by itself.
         flags = ("-fno-sanitize=undefined", "-fno-stack-protector", *NO_UNWINDING)
@@ -69,6 +73,12 @@ def zig_program() -> str | None:
     if package is None or package.origin is None:
         return None
     return shutil.which("zig", path=str(Path(package.origin).parent))
+
+
+def accepts(*command: str) -> bool:
+    """It compiles an empty file so. A gcc can be built without LTO, and then fails at its options."""
+    probe = (*command, "-c", "-x", "c", "-", "-o", os.devnull)
+    return subprocess.run(probe, stdin=subprocess.DEVNULL, capture_output=True, check=False).returncode == 0
 
 
 def first_line(*command: str) -> str:

@@ -1,5 +1,6 @@
 """Images of all targets from all compilers: they link, are reproducible, and hold what they have to."""
 
+import os
 import re
 import shutil
 import subprocess
@@ -112,6 +113,21 @@ def test_the_stm32_starts_where_its_vector_table_says() -> None:
     traps = {number for number, word in enumerate(words) if word == symbols["board_trap"]}
     assert traps == set(range(2, len(words))) - handled
     assert len({words[number] for number in handled}) == 5
+
+
+def test_a_gcc_without_lto_builds_each_file_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    needs("gap8", "gcc")
+    name = f"{TARGETS['gap8'].gcc}-gcc"
+    gcc = tmp_path / name
+    gcc.write_text(
+        f'#!/bin/sh\ncase " $* " in *" -flto "*) echo "LTO support has not been enabled" >&2; exit 1;; esac\n'
+        f'exec {shutil.which(name)} "$@"\n'
+    )
+    gcc.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    image = build("gap8", "gcc")
+    assert "built without LTO" in image.toolchain.version
+    assert {"service", "gap8_receive", "gap8_transmit"} <= {each.name for each in read(image.elf).functions}
 
 
 def test_the_stamp_divider_is_a_build_option() -> None:
