@@ -145,7 +145,8 @@ def test_firmware_layers(path: Path) -> None:
             assert included in STANDARD, f"{path}: firmware is freestanding"
         else:
             target = (path.parent / included).resolve().relative_to(ROOT).parts
-            assert target[:2] in {("firmware", "core"), ("firmware", folder)}, f"{path} includes {included}"
+            allowed = {("firmware", "core"), ("firmware", "board"), ("firmware", folder)}
+            assert target[:2] in allowed, f"{path} includes {included}"
             assert "board" in path.parts or "board" not in target, f"{path} knows its board: {included}"
 
 

@@ -175,8 +175,8 @@ def run_repair(arguments: argparse.Namespace) -> int:
     def mend(name: str) -> int:
         source, header_of, log = read_rows(name, arguments.header_of)
         output = made[name]
-        if any(is_same(output, split(each)[0]) for each in made):
-            raise LocalError(f"{output}: this is FILE itself, which is only read: name another file with -o")
+        if any(is_same(output, split(each)[0]) for each in (*made, *filter(None, [arguments.header_of]))):
+            raise LocalError(f"{output}: this is a log that is only read here: name another file with -o")
         repaired = repair(source, log, header_of)
         with new_file(output, arguments.force) as out:
             out.write(repaired)

@@ -24,8 +24,8 @@ RTC_HZ = 32768
 RTC_PARTS = 15625, 512
 """A step of it, and 1 us, in whole parts."""
 AT_ONCE = 8
-EVEN = 0.9
-"""Share of them, seen a few at a time, that are sent at even steps, if any are."""
+EVEN = 0.5
+"""Share of them, seen a few at a time, that are sent at even steps, if any are: some are wrong, or the rate changes."""
 SLOW = 84 / 85
 """Rate of a clock that counts 84 where 85 have passed, against a right one: STM32 firmware before August 2026."""
 JUMP_US = 20_000.0
@@ -110,6 +110,7 @@ def sent_tick_us(readings: NDArray[np.uint64]) -> float:
     """As tick_us, of a clock that is read to be sent: at even steps of its own, which then say nothing of its ticks."""
     some: Ints = readings[:1000].astype(np.int64)
     steps = some[1:] - some[:-1]
+    steps = steps[steps != 0]  # a clock that stands for a while
     if len(steps) < AT_ONCE:
         return 1.0
     # Messages are lost, and their rate may be changed: each few steps have a measure of their own.

@@ -324,5 +324,5 @@ def test_several_logs_are_not_one_file(
     assert not (tmp_path / "a.csv").exists()
     if verb == "repair":
         assert main(["usd", verb, whole, cut, "--force", "-o", f"{tmp_path}/"]) == 2
-        assert "FILE itself" in capsys.readouterr().err
+        assert "a log that is only read here" in capsys.readouterr().err
         assert logs["cut"].read_bytes() == logs["whole"].read_bytes()[:5000]

@@ -298,6 +298,15 @@ def test_even_steps_are_recognised_though_most_are_lost(loss: float) -> None:
     assert sent_tick_us(at.astype(np.uint64)) == 1000.0
 
 
+def test_even_steps_are_recognised_beside_faults() -> None:
+    at = 345 + 10_000 * np.arange(2000)
+    at[300:500] = at[300]
+    assert sent_tick_us(at.astype(np.uint64)) == 1.0, "it stood for 2 s"
+    at = 10_000 * np.arange(2000)
+    at[np.random.default_rng(7).random(2000) < 0.02] -= 7_777
+    assert sent_tick_us(at.astype(np.uint64)) == 1.0, "one in 50 is wrong"
+
+
 @pytest.mark.parametrize("then_us", [5_000, 11_000, 15_000, 100_000])
 def test_even_steps_may_change(then_us: int) -> None:
     at = 345 + np.cumsum(np.concatenate((np.full(500, 10_000), np.full(500, then_us))))

@@ -159,6 +159,11 @@ def test_the_command(own: bytes, other: bytes, tmp_path: Path, capsys: pytest.Ca
     shown = capsys.readouterr().out
     assert "rows are read as those of another log" in shown
     assert " 0 verified" not in shown
+    before = (tmp_path / "other").read_bytes()
+    words = ["usd", "repair", str(tmp_path / "broken"), "--header-of", str(tmp_path / "other"), "--force", "-o"]
+    assert main([*words, str(tmp_path / "other")]) == 2
+    assert "a log that is only read here" in capsys.readouterr().err
+    assert (tmp_path / "other").read_bytes() == before
     assert run("repair", "broken", "mended", "other") == 0
     capsys.readouterr()
     assert main(["usd", "info", str(tmp_path / "mended")]) == 0
