@@ -41,7 +41,7 @@ def test_commands(tmp_path, capsys):
     assert main(["usd", "decode", f"{name}:/LOG00", "-o", str(tmp_path / "flight.npz")]) == 0
     assert main(["usd", "repair", f"{name}:/log01", "-o", str(tmp_path / "repaired")]) == 0
     assert main(["usd", "repair", f"{name}:/log01", "-o", name, "--force"]) == 2
-    assert "FILE itself" in capsys.readouterr().err
+    assert "a log that is only read here" in capsys.readouterr().err
     assert main(["usd", "decode", name, "-o", str(tmp_path / "x.npz")]) == 2
     assert "name a log on it" in capsys.readouterr().err
     assert main(["usd", "info", f"{name}:/log07"]) == 2
