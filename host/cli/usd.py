@@ -39,8 +39,8 @@ OUT's ending chooses the format:
   .parquet  the same; needs pyarrow: pip install 'spindeck[parquet]'
   .npz      a structured array for each type, and NAME.verified, NAME.epoch beside it
   .mcap     a topic for each type, as Foxglove plots them
-Of several FILEs, or with a folder as OUT, each gets tables named after it, of the format that --format says.
-Tables have the columns `epoch` (counts resets of the clock) and `verified`.
+Of several FILEs, or with a folder as OUT (it is there, or ends in /), each gets tables named after it, of the format
+that --format says. Tables have the columns `epoch` (counts resets of the clock) and `verified`.
 
 examples:
   host usd decode log00 -o flight.csv
@@ -146,7 +146,10 @@ def run_decode(arguments: argparse.Namespace) -> int:
 
     made = outputs(arguments.files, arguments.output, f".{arguments.format or 'csv'}")
     if arguments.format and arguments.output in made.values():
-        raise LocalError(f"--format {arguments.format}: for tables in a folder: {arguments.output} has an ending")
+        raise LocalError(
+            f"--format {arguments.format}: for tables in a folder: write -o {arguments.output}/, or leave it out: the"
+            " ending of one file chooses"
+        )
 
     def decode(name: str) -> int:
         _, _, log = read_rows(name, arguments.header_of)

@@ -23,15 +23,15 @@ def one_by_one(names: Iterable[str], command: Callable[[str], int]) -> int:
 
 
 def outputs(logs: Sequence[str], output: str, ending: str) -> dict[str, str]:
-    """By log. LocalError if `output` is no folder and there are several, or two would be one file."""
+    """By log. `output` is a folder if it is one already or ends in a slash. LocalError if it is none and there are
+    several, or two would be one file."""
     folder = Path(output)
-    is_folder = output.endswith("/") or (len(logs) > 1 and folder.is_dir())
+    is_folder = output.endswith("/") or folder.is_dir()
     if len(logs) == 1 and not is_folder:
         return {logs[0]: output}
     if not is_folder:
         raise LocalError(f"{output}: one file, and there are {len(logs)} logs: name a folder, as {output}.d/")
-    # A log on a card's image is IMAGE:/NAME.
-    made = {log: str(folder / f"{log.rpartition('/')[2]}{ending}") for log in dict.fromkeys(logs)}
+    made = {log: str(folder / f"{Path(log).name}{ending}") for log in dict.fromkeys(logs)}
     twice = [name for name, count in Counter(made.values()).items() if count > 1]
     if twice:
         raise LocalError(f"{twice[0]}: of several logs of this name: give them one by one, each with its -o")

@@ -233,13 +233,14 @@ def test_nothing_is_overwritten(logs: dict[str, Path], tmp_path: Path, capsys: p
 def test_what_is_no_file_is_not_replaced(
     logs: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pipe, folder = tmp_path / "pipe", tmp_path / "folder.npz"
+    pipe, folder = tmp_path / "pipe.npz", tmp_path / "made" / "whole.npz"
     os.mkfifo(pipe)
-    folder.mkdir()
-    for verb, out in (("repair", pipe), ("decode", folder)):
-        assert main(["usd", verb, str(logs["whole"]), "-o", str(out), "--force"]) == 2
+    folder.mkdir(parents=True)
+    for words in (["repair", "-o", str(pipe)], ["decode", "-o", str(folder.parent), "--format", "npz"]):
+        assert main(["usd", *words, str(logs["whole"]), "--force"]) == 2
         assert "name a file" in capsys.readouterr().err
     assert pipe.is_fifo()
+    assert folder.is_dir()
     assert not list(tmp_path.glob("*.part"))
 
 
@@ -305,6 +306,21 @@ def test_several_logs_have_a_file_each_in_a_folder(
     assert {each.name for each in (tmp_path / "again").iterdir()} == {each.name for each in out.iterdir()}
 
 
+@pytest.mark.parametrize(("words", "ending"), [(["decode", "--format", "npz"], ".npz"), (["repair"], "")])
+def test_one_log_goes_into_a_folder_that_is_there(
+    words: list[str], ending: str, logs: dict[str, Path], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    made = tmp_path / "made.npz"
+    made.mkdir()
+    assert main(["usd", *words, str(logs["whole"]), "-o", str(made)]) == 0
+    assert [each.name for each in made.iterdir()] == [f"whole{ending}"]
+    assert main(["usd", *words, f"{logs['cut']}/", "-o", str(made)]) == 0
+    assert sorted(each.name for each in made.iterdir()) == [f"cut{ending}", f"whole{ending}"]
+    capsys.readouterr()
+    assert main(["usd", *words, str(logs["whole"]), "-o", str(made)]) == 2
+    assert f"whole{ending}: exists" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("verb", ["decode", "repair"])
 def test_several_logs_are_not_one_file(
     verb: str, logs: dict[str, Path], capsys: pytest.CaptureFixture[str], tmp_path: Path
@@ -321,6 +337,7 @@ def test_several_logs_are_not_one_file(
     assert main(["usd", verb, whole, "-o", f"{tmp_path}/no/made/"]) == 2
     assert capsys.readouterr().err.endswith("No such file or directory\n")
     assert main(["usd", "decode", whole, "--format", "npz", "-o", str(tmp_path / "a.csv")]) == 2
+    assert f"write -o {tmp_path}/a.csv/" in capsys.readouterr().err
     assert not (tmp_path / "a.csv").exists()
     if verb == "repair":
         assert main(["usd", verb, whole, cut, "--force", "-o", f"{tmp_path}/"]) == 2
