@@ -13,20 +13,6 @@ if TYPE_CHECKING:
     from .row import Row
 
 
-def new_folder(path: str) -> Path:
-    """Creates `path`, or takes it if it is an empty folder; LocalError otherwise."""
-    folder = Path(path)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise LocalError(f"--images {path}: not empty, and nothing is ever overwritten: name a new folder")
-    except (FileExistsError, NotADirectoryError) as error:
-        raise LocalError(f"--images {path}: a file is there: name a new folder") from error
-    except OSError as error:
-        raise LocalError(f"--images {path}: {error.strerror}") from error
-    return folder
-
-
 class Keeper:
     """Writes the frames of one robot into its own folder.
 

@@ -1,4 +1,5 @@
-"""A file that a command makes: complete or not at all, and never over another without being told to."""
+"""What a command makes. A file: complete or not at all, and never over another without being told to. A folder: new or
+empty."""
 
 from __future__ import annotations
 
@@ -38,3 +39,17 @@ def new_file(path: str | Path, force: bool | None = None) -> Iterator[IO[bytes]]
     except BaseException:
         part.unlink(missing_ok=True)
         raise
+
+
+def new_folder(path: str, option: str = "") -> Path:
+    """Creates it, or takes an empty one. LocalError otherwise, which begins with `option`."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise LocalError(f"{option}{path}: not empty, and nothing is ever overwritten: name a new folder")
+    except (FileExistsError, NotADirectoryError) as error:
+        raise LocalError(f"{option}{path}: a file is there: name a new folder") from error
+    except OSError as error:
+        raise LocalError(f"{option}{path}: {error.strerror}") from error
+    return folder

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..protocol.errors import LocalError
 from ..protocol.typed import integer
+from .new_file import new_folder
 
 EXAMPLES = """\
 WHAT:
@@ -83,19 +84,6 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"truth     {made.told}")
     print(f"next      {command}")
     return 0
-
-
-def new_folder(path: str) -> Path:
-    folder = Path(path)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise LocalError(f"{path}: not empty, and nothing is ever overwritten: name a new folder")
-    except (FileExistsError, NotADirectoryError) as error:
-        raise LocalError(f"{path}: a file is there: name a new folder") from error
-    except OSError as error:
-        raise LocalError(f"{path}: {error.strerror}") from error
-    return folder
 
 
 def board(seed: int, folder: Path) -> Made:

@@ -22,7 +22,8 @@ from ..link.records import Event, State
 from ..protocol.errors import ConnectionLostError, LocalError, PeerSilentError, SpindeckError
 from . import EXIT_INTERRUPTED
 from .interrupt import Interrupt
-from .keep import Keeper, new_folder, save_picture
+from .keep import Keeper, save_picture
+from .new_file import new_folder
 from .show import JsonLines, Terminal
 from .stream_robot import Robot
 
@@ -105,7 +106,7 @@ def stream(arguments: argparse.Namespace, as_json: bool) -> int:
             )
             robots.append(Robot(number, port, opened))
         if arguments.images:
-            folder = new_folder(arguments.images)
+            folder = new_folder(arguments.images, "--images ")
             for robot in robots:
                 own = folder / f"robot{robot.number}" if len(robots) > 1 else folder
                 robot.keeper = Keeper(own, robot.number, arguments.row)
