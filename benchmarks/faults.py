@@ -65,10 +65,6 @@ def rate_step(ppm: float, mu_us: float = 500) -> Fault:
     return Fault(link=replace(PLAIN, rate_step_ppm=ppm, mu_us=mu_us))
 
 
-def starved(at_s: models.Floats) -> models.Floats:
-    return np.where(at_s % 1 < 0.04, 4e4 - at_s % 1 * 1e6, 0)
-
-
 def first(count: int) -> Fault:
     return Fault(lambda made, _: models.take(made, np.arange(len(made.stm32_us)) < count))
 
@@ -106,7 +102,7 @@ FAULTS: dict[str, Fault] = {
     "one in 256 damaged, unseen": Fault(lambda made, seed: models.damaged(made, 1 / 256, seed)),
     "the first 10 ms early": Fault(lambda made, _: models.glitches(made, [0], 10_000)),
     "the first 65 ms late": Fault(lambda made, _: models.glitches(made, [0], -65_536)),
-    "40 ms late each second": late(starved),
+    "40 ms late each second": late(models.starved),
     "mu from 50 us to 2 ms": Fault(link=replace(PLAIN, mu_us=lambda at_s: np.where(at_s < 30, 50.0, 2000.0))),
     "delay a saw of 1 ms in 0.6 s": late(lambda at_s: 1000 * (at_s / 0.6173 % 1), 1),
     "delay a sine of 1 ms in 1 s": late(lambda at_s: 500 - 500 * np.cos(2 * np.pi * at_s), 100),

@@ -126,6 +126,11 @@ def run(link: Link, seed: int) -> Run:
     )
 
 
+def starved(at_s: Floats) -> Floats:
+    """A delay_us: what is sent in the first 40 ms of a second comes at their end."""
+    return np.where(at_s % 1 < 0.04, (0.04 - at_s % 1) * 1e6, 0.0)
+
+
 def lost(count: int, link: Link, random: np.random.Generator) -> NDArray[np.bool_]:
     """Gilbert and Elliott's two states: good, where all comes, and bad, where nothing does."""
     if not link.burst_s:

@@ -22,10 +22,6 @@ def stamped(made: Run) -> Stamped:
     return stamp(stm32, gap8, frames, made.frame_after)
 
 
-def starved(at_s: models.Floats) -> models.Floats:
-    return np.where(at_s % 1 < 0.04, (0.04 - at_s % 1) * 1e6, 0)
-
-
 def wrapped_stm32(made: Run) -> Run:
     return replace(made, stm32_us=(made.stm32_us + WRAP) % (1 << 32), frame_true_us=made.frame_true_us + WRAP)
 
@@ -138,7 +134,7 @@ def test_steps_of_the_rate(ppm: float, worst_us: float) -> None:
 
 
 def test_starvation_each_second() -> None:
-    made = run(replace(LINK, delay_us=starved), 5)
+    made = run(replace(LINK, delay_us=models.starved), 5)
     got = stamped(made)
     error = np.abs(got.stm32_us - made.frame_true_us[got.frame])
     assert len(got.fitted) == 1

@@ -19,6 +19,7 @@ from models import (
     glitches,
     run,
     silence,
+    starved,
     stm32_leap,
     stuck,
     swapped,
@@ -87,9 +88,7 @@ CASES = {
         lambda made, seed: glitches(made, [*range(100 + seed, 6000, 256)], 123_456_789), flagged=0.05
     ),
     "any bit of the time damaged": Case(lambda made, seed: damaged(made, 1 / 256, seed), flagged=0.05),
-    "40 ms late each second": Case(
-        link=Link("presc85", 500, SECONDS, delay_us=lambda t: np.where(t % 1 < 0.04, 4e4 - t % 1 * 1e6, 0))
-    ),
+    "40 ms late each second": Case(link=Link("presc85", 500, SECONDS, delay_us=starved)),
     "delays rise to 2 ms": Case(link=Link("presc85", lambda t: np.where(t < 30, 50.0, 2000.0), SECONDS), flagged=0.1),
     "delays fall to 50 us": Case(link=Link("presc85", lambda t: np.where(t < 30, 2000.0, 50.0), SECONDS), flagged=0.13),
     "stm32 leaps 30 ms back": Case(
