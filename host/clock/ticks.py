@@ -107,7 +107,9 @@ def tick_us(readings: NDArray[np.uint64] | Ints) -> float:
 
 
 def sent_tick_us(readings: NDArray[np.uint64]) -> float:
-    """As tick_us, of a clock that is read to be sent: at even steps of its own, which then say nothing of its ticks."""
+    """As tick_us, of a clock that is read to be sent: at even steps of its own, which then say nothing of its ticks.
+    One of 1 us that sends at each whole ms reads as one of 1 ms that sends at each tick: it is taken for that, whose
+    bound has half a tick in it."""
     some: Ints = readings[:1000].astype(np.int64)
     steps = some[1:] - some[:-1]
     steps = steps[steps != 0]  # a clock that stands for a while

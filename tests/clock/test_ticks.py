@@ -303,6 +303,10 @@ def test_even_steps_are_recognised_beside_faults() -> None:
     assert sent_tick_us(at.astype(np.uint64)) == 1.0, "one in 50 is wrong"
 
 
+def test_even_steps_of_1_ms_are_taken_for_ticks() -> None:
+    assert sent_tick_us(np.arange(0, 10**6, 1000).astype(np.uint64)) == 1000.0
+
+
 @pytest.mark.parametrize("then_us", [5_000, 11_000, 15_000, 100_000])
 def test_even_steps_may_change(then_us: int) -> None:
     at = 345 + np.cumsum(np.concatenate((np.full(500, 10_000), np.full(500, then_us))))
